@@ -1,0 +1,93 @@
+"""Every setting of a run, with its default, unit and range: the one home of configuration."""
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class Settings(BaseModel):
+    """A frozen group of settings that refuses unknown names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class VehicleType(Settings):
+    """The car of all scenarios and how it enters.
+
+    The recorded flows name length, gap, acceleration, deceleration and speed; ``tau`` and the
+    insertion were calibrated once for all datasets (``docs/experiments.md``).
+    """
+
+    length: float = Field(5.0, gt=0)  # [m]
+    min_gap: float = Field(2.5, ge=0)  # [m]
+    accel: float = Field(2.0, gt=0)  # [m/s2]
+    decel: float = Field(4.5, gt=0)  # [m/s2]
+    max_speed: float = Field(11.111, gt=0)  # [m/s]
+    tau: float = Field(2.0, gt=0)  # [s], wished headway
+    sigma: float = Field(0.0, ge=0, le=1)  # driver imperfection
+    speed_deviation: float = Field(0.0, ge=0)
+    depart_lane: str = "best"
+    depart_speed: str = "max"
+    depart_pos: str = "base"
+
+    def as_xml(self, name: str) -> str:
+        """SUMO's ``vType`` element."""
+        return (
+            f'<vType id="{name}" length="{self.length:g}" minGap="{self.min_gap:g}" '
+            f'accel="{self.accel:g}" decel="{self.decel:g}" maxSpeed="{self.max_speed:g}" '
+            f'tau="{self.tau:g}" sigma="{self.sigma:g}" speedFactor="1" '
+            f'speedDev="{self.speed_deviation:g}"/>'
+        )
+
+
+class MissingSettings(Settings):
+    """Which sensors do not report, and how much (``docs/missing-patterns.md``)."""
+
+    pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed"] = "none"
+    rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
+    adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
+    mean_outage: float = Field(8.0, ge=1, allow_inf_nan=False)  # [decision steps], burst and mixed
+
+
+class SignalSettings(Settings):
+    """Timing of the signals, all in seconds."""
+
+    decision_interval: int = Field(15, gt=0)
+    yellow: int = Field(5, gt=0)  # inside the interval, when the phase changes
+    all_red: int = Field(0, ge=0)  # after the yellow, inside the interval
+    min_green: int = Field(10, ge=0)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.yellow + self.all_red >= self.decision_interval:
+            raise ValueError("yellow and all_red together must be shorter than decision_interval")
+        return self
+
+
+class SensorSettings(Settings):
+    """How a lane is measured: the whole of it, or its last ``length`` metres."""
+
+    kind: Literal["lane", "area"] = "lane"
+    length: float = Field(50.0, gt=0, allow_inf_nan=False)  # [m], for ``area``
+
+
+class RunSettings(Settings):
+    """One closed-loop run."""
+
+    net: str = "jinan"
+    demand: Literal["auto", "profile", "recorded"] = "auto"
+    volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
+    controller: str = "max-queue"
+    imputer: str = "sfm"
+    blind: Literal["none", "fixed-time"] = "fixed-time"
+    missing: MissingSettings = MissingSettings()
+    signals: SignalSettings = SignalSettings()
+    sensor: SensorSettings = SensorSettings()
+    vehicle: VehicleType = VehicleType()
+    horizon: int = Field(3600, gt=0)  # [s]
+    seed: int = Field(0, ge=0)
+
+    @property
+    def steps(self) -> int:
+        """The number of decisions."""
+        return -(-self.horizon // self.signals.decision_interval)

@@ -1,0 +1,39 @@
+"""What a controller is, and what it may know."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.sensing.observation import Observation
+
+
+@dataclass(frozen=True)
+class ControlContext:
+    """What is known before the first step.
+
+    ``turning_flows`` are the vehicles per hour that want to use each slot, as from a turning
+    count; ``sensors`` is the inventory: which slots have a sensor that ever reports.
+    """
+
+    network: Network
+    turning_flows: FloatArray  # (N, 12) [vehicles/h]
+    sensors: BoolArray  # (N, 12)
+    decision_interval: float  # [s]
+    lost_time: float  # [s] yellow and all-red at a change of phase
+    seed: int
+
+
+class Controller(ABC):
+    """Chooses a phase for every intersection at every decision step, from observations only."""
+
+    @abstractmethod
+    def reset(self, context: ControlContext) -> None:
+        """Forget everything and get ready for a run on the context's network."""
+
+    @abstractmethod
+    def decide(self, observation: Observation) -> IntArray:
+        """(N,): the phase of each intersection for the coming step."""
+
+    def estimates(self) -> FloatArray | None:
+        """(N, 12, F): the values that the last decision was based on, if it filled holes."""
+        return None

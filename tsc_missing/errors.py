@@ -1,0 +1,23 @@
+"""The one exception for a user's mistake, and the wording that every such message follows."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(Exception):
+    """Something the user can mend: printed as one line, exit status 2."""
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        """``field`` is what was set, ``value`` what it was set to, ``allowed`` what it may be."""
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+        super().__init__(" ".join(f"{field}: {value} is not allowed; {allowed}".split()))
+
+
+def nearest(value: str, known: Iterable[str]) -> str:
+    """Words that name the closest of ``known`` to ``value``, and then all of them."""
+    names = sorted(known)
+    close = difflib.get_close_matches(value, names, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{hint}allowed: {', '.join(names)}"

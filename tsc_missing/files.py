@@ -1,0 +1,87 @@
+"""Reading a user's files into pydantic models, with one-line errors, and writing whole files."""
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from tsc_missing.errors import UserError
+
+T = TypeVar("T")
+
+
+def read_json(path: Path, field: str) -> Any:
+    """The JSON value in a file; ``UserError`` names ``field`` when it is not there or not JSON."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(field, path, f"the file cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise UserError(field, path, "the file is not text but must be JSON") from None
+    except json.JSONDecodeError as error:
+        raise UserError(
+            field, path, f"not valid JSON, or cut off, at line {error.lineno} ({error.msg})"
+        ) from None
+
+
+def parse(adapter: TypeAdapter[T], value: object, field: str, path: object) -> T:
+    """``value`` as the adapter's type; ``UserError`` tells the first thing wrong with it."""
+    try:
+        return adapter.validate_python(value)
+    except ValidationError as error:
+        raise UserError(field, path, first_problem(error)) from None
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first of pydantic's complaints as words: where, what is there, what is wanted."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in first["loc"]) or "top level"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return f"at {place}: {first['msg']}, found {str(first['input'])[:60]!r}{more}"
+
+
+def sha256(path: Path) -> str:
+    """The SHA-256 of a file as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def check_writable(folder: Path, field: str) -> None:
+    """Raise ``UserError`` unless a new folder can be made at ``folder``; leaves nothing behind."""
+    if folder.exists():
+        raise UserError(field, folder, "it must name a folder that does not exist yet")
+    parent = next(p for p in folder.absolute().parents if p.exists())
+    if not parent.is_dir():
+        raise UserError(field, folder, f"{parent} is a file, not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise UserError(field, folder, f"no permission to write in {parent}")
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path, field: str) -> Iterator[Path]:
+    """A temporary folder that becomes ``folder`` when the block ends well, and else goes away."""
+    check_writable(folder, field)
+    made = [p for p in [folder.absolute(), *folder.absolute().parents][1:] if not p.exists()]
+    temporary: Path | None = None
+    try:
+        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
+        temporary.chmod(0o755)
+        yield temporary
+        temporary.rename(folder)
+    except BaseException as error:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+        for parent in made:
+            with contextlib.suppress(OSError):
+                parent.rmdir()
+        if isinstance(error, OSError):
+            raise UserError(field, folder, f"cannot be written ({error.strerror})") from error
+        raise
