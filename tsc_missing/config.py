@@ -26,6 +26,8 @@ class VehicleType(Settings):
     tau: float = Field(2.0, gt=0)  # [s], wished headway
     sigma: float = Field(0.0, ge=0, le=1)  # driver imperfection
     speed_deviation: float = Field(0.0, ge=0)
+    startup_delay: float = Field(0.0, ge=0)  # [s] from green to moving, for each vehicle
+    lc_keep_right: float = Field(1.0, ge=0)
     depart_lane: str = "best"
     depart_speed: str = "max"
     depart_pos: str = "base"
@@ -36,7 +38,8 @@ class VehicleType(Settings):
             f'<vType id="{name}" length="{self.length:g}" minGap="{self.min_gap:g}" '
             f'accel="{self.accel:g}" decel="{self.decel:g}" maxSpeed="{self.max_speed:g}" '
             f'tau="{self.tau:g}" sigma="{self.sigma:g}" speedFactor="1" '
-            f'speedDev="{self.speed_deviation:g}"/>'
+            f'speedDev="{self.speed_deviation:g}" startupDelay="{self.startup_delay:g}" '
+            f'lcKeepRight="{self.lc_keep_right:g}"/>'
         )
 
 

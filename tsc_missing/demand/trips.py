@@ -36,7 +36,9 @@ class Demand:
         return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), source)
 
 
-def turning_flows(demand: Sequence[Trip], network: Network, horizon: float) -> npt.NDArray[np.float64]:
+def turning_flows(
+    demand: Sequence[Trip], network: Network, horizon: float
+) -> npt.NDArray[np.float64]:
     """(N, 12): vehicles per hour that the trips departing within ``horizon`` [s] send to a slot.
 
     This is the turning count that a signal plan is designed with: the volume that wants to pass,

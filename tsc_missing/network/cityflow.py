@@ -115,7 +115,9 @@ def _road(road: _Road) -> Road:
     return Road(road.id, road.startIntersection, road.endIntersection, lanes, shape)
 
 
-def _movement(node: _Intersection, link: _RoadLink, roads: dict[str, _Road], path: Path) -> Movement:
+def _movement(
+    node: _Intersection, link: _RoadLink, roads: dict[str, _Road], path: Path
+) -> Movement:
     where = f"intersection {node.id}, link {link.startRoad} to {link.endRoad}"
     if link.type not in TURN_OF_TYPE:
         raise UserError(
@@ -141,7 +143,9 @@ def _movement(node: _Intersection, link: _RoadLink, roads: dict[str, _Road], pat
         )
     if not pairs:
         raise UserError(FIELD, path, f"{where}: it has no lane links")
-    return Movement(link.startRoad, link.endRoad, TURN_OF_TYPE[link.type], tuple(sorted(set(pairs))))
+    return Movement(
+        link.startRoad, link.endRoad, TURN_OF_TYPE[link.type], tuple(sorted(set(pairs)))
+    )
 
 
 def _phases(

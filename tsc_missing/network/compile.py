@@ -29,7 +29,11 @@ def road_conflicts(net: Any) -> set[tuple[str, str, str, str]]:
     pairs = set()
     for node in net.getNodes():
         turns = [
-            (connection.getFrom().getID(), connection.getTo().getID(), node.getLinkIndex(connection))
+            (
+                connection.getFrom().getID(),
+                connection.getTo().getID(),
+                node.getLinkIndex(connection),
+            )
             for edge in node.getIncoming()
             for connections in edge.getOutgoing().values()
             for connection in connections
@@ -51,9 +55,7 @@ def compile_network(net: Any, plain: PlainNetwork) -> NetworkRecord:
         _intersection(net, node, approaches[node.id], turns) for node in signalised
     )
     lanes = {
-        lane.getID(): LaneRecord(
-            road=edge.getID(), length=lane.getLength(), speed=lane.getSpeed()
-        )
+        lane.getID(): LaneRecord(road=edge.getID(), length=lane.getLength(), speed=lane.getSpeed())
         for edge in sorted(net.getEdges(), key=lambda edge: str(edge.getID()))
         for lane in edge.getLanes()
     }

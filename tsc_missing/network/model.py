@@ -219,4 +219,3 @@ def _slots(node: IntersectionRecord, links: Iterable[int]) -> BoolArray:
 def _table(rows: Sequence[Sequence[int]], width: int) -> IntArray:
     """Rows cut or padded with -1 to ``width``."""
     return np.array([[*row[:width], *[-1] * (width - len(row))] for row in rows], dtype=np.int64)
-

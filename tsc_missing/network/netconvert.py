@@ -115,9 +115,7 @@ def _connections(plain: PlainNetwork) -> list[str]:
     ]
 
 
-def _right_of_way(
-    plain: PlainNetwork, conflicts: Set[tuple[str, str, str, str]]
-) -> Iterator[str]:
+def _right_of_way(plain: PlainNetwork, conflicts: Set[tuple[str, str, str, str]]) -> Iterator[str]:
     """Straight before left before right, wherever two turns conflict."""
     for node in plain.nodes.values():
         for first in node.movements:

@@ -51,7 +51,12 @@ class Observation:
 
 
 def apply_mask(
-    truth: Measurement, mask: BoolArray, step: int, time: float, phase: IntArray, red_steps: IntArray
+    truth: Measurement,
+    mask: BoolArray,
+    step: int,
+    time: float,
+    phase: IntArray,
+    red_steps: IntArray,
 ) -> Observation:
     """The observation that sensors with this mask (N, 12) make of the truth.
 

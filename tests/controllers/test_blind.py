@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+from tests.controllers.helpers import A, B, Scripted, context, cross_and_tee, observe, with_holes
+from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.fixed_time import PlainCycle
+
+INNER = np.array([3, 2])
+
+
+@pytest.fixture
+def network():
+    return cross_and_tee()
+
+
+def run(blind, network, holes_at, **known):
+    """(T, N): the phases; ``holes_at[t]`` lists the intersections that report nothing at t."""
+    blind.reset(context(network, **known))
+    answers = []
+    for step, dark in enumerate(holes_at):
+        holes = np.zeros((2, 12), dtype=bool)
+        holes[dark] = network.slot_mask[dark]
+        answers.append(blind.decide(with_holes(observe(network, step=step), holes)))
+    return np.array(answers)
+
+
+def test_an_intersection_without_sensors_follows_the_cycle_from_the_start(network):
+    sensors = np.ones((2, 12), dtype=bool)
+    sensors[B] = ~network.slot_mask[B]  # absent slots count as reported
+    phases = run(Blind(Scripted(INNER), PlainCycle(15.0)), network, [[B]] * 5, sensors=sensors)
+    assert phases[:, A].tolist() == [3] * 5
+    assert phases[:, B].tolist() == [0, 1, 2, 0, 1]
+
+
+def test_an_outage_is_bridged_and_then_enters_the_cycle_where_it_stands(network):
+    dark = [[], [A], [A], [A], [A], [A], [], [A]]
+    phases = run(Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=2), network, dark)
+    #                           seen, 1, 2 silent, then steps 3, 4, 5 of the cycle, seen, 1 silent
+    assert phases[:, A].tolist() == [3, 3, 3, 3, 0, 1, 3, 3]
+    assert phases[:, B].tolist() == [2] * 8
+
+
+def test_one_slot_that_reports_is_enough(network):
+    blind = Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=0)
+    blind.reset(context(network))
+    holes = network.slot_mask.copy()
+    holes[A, 4] = False
+    phases = blind.decide(with_holes(observe(network, step=1), holes))
+    assert phases.tolist() == [3, 1]
+
+
+def test_the_inner_controller_is_asked_at_every_step_and_reset(network):
+    inner = Scripted(INNER)
+    run(Blind(inner, PlainCycle(15.0), stale_steps=0), network, [[A, B]] * 4)
+    assert (inner.resets, inner.asked) == (1, 4)
+
+
+def test_reset_forgets_silence(network):
+    blind = Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=2)
+    run(blind, network, [[A]] * 3)
+    assert run(blind, network, [[A]] * 2)[:, A].tolist() == [3, 3]
+
+
+def test_estimates_pass_through(network):
+    inner = Scripted(INNER)
+    inner.estimate = np.ones((2, 12, 2))
+    assert Blind(inner, PlainCycle(15.0)).estimates() is inner.estimate

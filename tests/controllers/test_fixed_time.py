@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from tests.controllers.helpers import A, B, context, cross_and_tee, observe, slot
+from tsc_missing.controllers.fixed_time import (
+    SATURATION_FLOW,
+    FixedTime,
+    PlainCycle,
+    critical_ratios,
+    slot_flow_ratios,
+    webster_cycle,
+    whole_steps,
+)
+
+FLOWS = {
+    (A, "E-straight"): 0.3 * SATURATION_FLOW,
+    (A, "W-straight"): 0.25 * SATURATION_FLOW,
+    (A, "N-straight"): 0.2 * SATURATION_FLOW,
+    (A, "S-straight"): 0.1 * SATURATION_FLOW,
+    (A, "W-left"): 0.1 * SATURATION_FLOW,
+    (B, "W-straight"): 0.6 * SATURATION_FLOW,  # on two lanes
+    (B, "E-straight"): 0.2 * SATURATION_FLOW,  # on one lane with E-left
+    (B, "E-left"): 0.1 * SATURATION_FLOW,
+    (B, "S-left"): 0.1 * SATURATION_FLOW,
+}
+
+
+@pytest.fixture
+def network():
+    return cross_and_tee()
+
+
+def phases(controller, network, steps, **known):
+    controller.reset(context(network, **known))
+    return np.array([controller.decide(observe(network, step=step)) for step in steps])
+
+
+def test_flow_ratio_of_several_lanes_and_of_a_shared_lane(network):
+    ratios = slot_flow_ratios(network, context(network, flows=FLOWS).turning_flows)
+    assert ratios[B, slot("W-straight")] == pytest.approx(0.3)
+    assert ratios[B, slot("E-straight")] == ratios[B, slot("E-left")] == pytest.approx(0.3)
+    assert ratios[A, slot("E-straight")] == pytest.approx(0.3)
+    assert (ratios[~network.slot_mask] == 0).all()
+
+
+def test_critical_ratio_is_the_largest_and_phases_share_a_slot_that_several_serve(network):
+    ratios = critical_ratios(network, context(network, flows=FLOWS).turning_flows)
+    np.testing.assert_allclose(ratios, [[0.3, 0.2, 0.1, 0], [0.3, 0.3, 0.1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "lost", "seconds"),
+    [(0.6, 20.0, 87.5), (0.5, 20.0, 70.0), (0.0, 20.0, 60.0), (0.9, 20.0, 180.0), (1.4, 20, 180)],
+)
+def test_webster_cycle(ratio, lost, seconds):
+    cycle = webster_cycle(np.array([ratio]), np.array([lost]))
+    np.testing.assert_allclose(cycle, [seconds])
+
+
+def test_webster_plan_by_hand(network):
+    # A: Y = 0.6, L = 20, C = 87.5 s, 6 steps: phases of 38.75, 27.5, 16.25, 5 s
+    # B: Y = 0.7, L = 15, C = 91.7 s, 6 steps: phases of 37.9, 37.9, 16.0 s, the tie to the first
+    plan = FixedTime().plan(context(network, flows=FLOWS))
+    assert plan.tolist() == [[2, 2, 1, 1], [3, 2, 1, 0]]
+
+
+def test_fixed_time_repeats_its_plan_from_phase_0(network):
+    run = phases(FixedTime(), network, range(13), flows=FLOWS)
+    assert run[:, A].tolist() == [0, 0, 1, 1, 2, 3, 0, 0, 1, 1, 2, 3, 0]
+    assert run[:, B].tolist() == [0, 0, 0, 1, 1, 2, 0, 0, 0, 1, 1, 2, 0]
+    assert run.dtype == np.int64
+
+
+def test_without_flow_phases_are_equal_and_the_cycle_is_the_shortest(network):
+    assert FixedTime().plan(context(network)).tolist() == [[1, 1, 1, 1], [2, 1, 1, 0]]
+
+
+def test_oversaturated_intersections_get_the_longest_cycle_and_every_phase_a_step(network):
+    flows = {(A, "E-straight"): 5000.0, (B, "S-left"): 5000.0}
+    plan = FixedTime().plan(context(network, flows=flows))
+    assert plan.tolist() == [[9, 1, 1, 1], [1, 1, 10, 0]]
+
+
+def test_long_decision_intervals_still_give_every_phase_a_step(network):
+    plan = FixedTime().plan(context(network, interval=60.0))
+    assert plan.tolist() == [[1, 1, 1, 1], [1, 1, 1, 0]]
+
+
+def test_whole_steps_are_largest_remainders():
+    present = np.array([True, True, True, True])
+    steps = whole_steps(np.array([3.4, 2.3, 1.7, 1.6]), present, 9)
+    assert steps.tolist() == [3, 2, 2, 2]
+
+
+def test_whole_steps_take_from_others_what_a_small_phase_needs():
+    present = np.array([True, True, True, False])
+    assert whole_steps(np.array([3.6, 3.3, 0.1, 0.0]), present, 7).tolist() == [3, 3, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "cross", "tee"),
+    [
+        (15.0, [0, 1, 2, 3, 0, 1, 2, 3], [0, 1, 2, 0, 1, 2, 0, 1]),
+        (30.0, [0, 0, 1, 1, 2, 2, 3, 3], [0, 0, 1, 1, 2, 2, 0, 0]),
+    ],
+)
+def test_plain_cycle(seconds, cross, tee, network):
+    run = phases(PlainCycle(seconds), network, range(8))
+    assert run.T.tolist() == [cross, tee]
+
+
+def test_plain_cycle_counts_seconds_and_not_steps(network):
+    run = phases(PlainCycle(30.0), network, range(6), interval=10.0)
+    assert run[:, A].tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_a_cycle_depends_on_the_step_alone(network):
+    assert phases(PlainCycle(15.0), network, [6, 1, 6])[:, A].tolist() == [2, 1, 2]

@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from tests.controllers.helpers import context, cross_and_tee, observe
+from tests.networks import grid_network, tee_network
+from tsc_missing.config import RunSettings
+from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.check import check_controller
+from tsc_missing.controllers.registry import CONTROLLERS, NATIVE, make_controller
+from tsc_missing.errors import UserError
+from tsc_missing.imputation.base import Imputed
+
+DEFAULTS = RunSettings()
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("build", [lambda: grid_network(1, 2), tee_network, cross_and_tee])
+@pytest.mark.parametrize("blind", ["none", "fixed-time"])
+def test_every_controller_conforms(name, build, blind):
+    check_controller(lambda: make_controller(name, DEFAULTS.imputer, blind), build())
+
+
+def test_controllers_that_need_values_get_an_imputer_and_the_rule_for_blind_intersections():
+    controller = make_controller("max-queue", "last", "fixed-time")
+    assert isinstance(controller, Blind)
+    assert isinstance(controller.controller, Imputed)
+    assert isinstance(make_controller("max-queue", "last", "none"), Imputed)
+
+
+def test_the_default_settings_can_be_had():
+    make_controller(DEFAULTS.controller, DEFAULTS.imputer, DEFAULTS.blind)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("max-que", "sfm", "none"), "controller: max-que is not allowed; did you mean max-queue?"),
+        (("actuate", "sfm", "none"), "did you mean actuated?"),
+        (("max-queue", "sfm", "fixed"), "blind: fixed is not allowed;"),
+    ],
+)
+def test_unknown_names(names, words):
+    with pytest.raises(UserError, match=words.replace("?", r"\?")):
+        make_controller(*names)
+
+
+def test_native_programs_are_no_controllers():
+    assert not set(NATIVE) & set(CONTROLLERS)
+
+
+def test_random_takes_every_phase_that_is_there_about_equally_often():
+    network = cross_and_tee()
+    controller = make_controller("random", "sfm", "none")
+    controller.reset(context(network))
+    run = np.array([controller.decide(observe(network, step=step)) for step in range(1200)])
+    counts = np.array([np.bincount(run[:, n], minlength=4) for n in range(2)])
+    np.testing.assert_allclose(counts / 1200, [[0.25] * 4, [1 / 3] * 3 + [0]], atol=0.05)

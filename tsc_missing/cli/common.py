@@ -1,0 +1,55 @@
+"""What all commands share: exit statuses, one-line errors, the app's settings."""
+
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+import typer
+from rich.console import Console
+
+from tsc_missing.errors import UserError
+
+DONE, FAILED, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+
+messages = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+def make_app(help_text: str) -> typer.Typer:
+    """A typer app with this project's conventions."""
+    return typer.Typer(
+        help=help_text,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+
+def run_app(app: typer.Typer, name: str) -> NoReturn:
+    """Run an app: a user's mistake is one line and status 2, Ctrl-C 130, anything else 1."""
+    sys.exit(_status(lambda: app(prog_name=name, standalone_mode=False)))
+
+
+def _status(call: Callable[[], object]) -> int:
+    try:
+        result = call()
+    except UserError as error:
+        _say(str(error))
+        return MISTAKE
+    except typer.TyperException as error:
+        text = error.format_message() if hasattr(error, "format_message") else str(error)
+        _say(" ".join(text.split()))
+        return MISTAKE
+    except (KeyboardInterrupt, typer.Abort):
+        _say("interrupted; nothing was kept")
+        return INTERRUPTED
+    except BrokenPipeError:
+        return FAILED
+    except Exception as error:
+        _say(f"{type(error).__name__}: {error}")
+        messages.print_exception(max_frames=20)
+        return FAILED
+    return result if isinstance(result, int) else DONE
+
+
+def _say(text: str) -> None:
+    messages.print(f"error: {text}", markup=False)

@@ -1,0 +1,90 @@
+"""The table that closes a run."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tsc_missing.config import RunSettings
+from tsc_missing.evaluation.metrics import Result
+from tsc_missing.evaluation.run import Prepared
+
+
+def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
+    """Print what ran, what it came to, and where it was written, to standard output."""
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{heading(prepared)}\n", markup=False)
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    for name, value, meaning in rows(result):
+        table.add_row(name, value, meaning)
+    console.print(table)
+    for warning in warnings(result):
+        console.print(f"warning: {warning}", style="yellow", markup=False)
+    console.print(f"\nwritten to {folder}", markup=False)
+
+
+def heading(prepared: Prepared) -> str:
+    """One line that says what ran."""
+    settings: RunSettings = prepared.settings
+    missing = settings.missing
+    replayed = prepared.options.mask_file is not None
+    what = "a replayed mask" if replayed else f"{missing.pattern} missing"
+    if missing.pattern != "none" and not replayed:
+        what += f" at rate {missing.rate:g}"
+    if missing.pattern == "none" and not replayed:
+        what = "everything observed"
+    return (
+        f"{prepared.scenario.name} ({prepared.scenario.demand_kind} demand), "
+        f"{settings.controller}, {what}, seed {settings.seed}"
+    )
+
+
+def rows(result: Result) -> list[tuple[str, str, str]]:
+    """Name, value and meaning of what is worth showing."""
+
+    def seconds(value: float | None) -> str:
+        return "–" if value is None else f"{value:.1f} s"
+
+    lines = [
+        ("travel time", seconds(result.att_all), "mean over all demand (att_all)"),
+        ("95th percentile", seconds(result.p95_travel_time), "over all demand"),
+        ("on approaches", seconds(result.att_approach), "mean, the paper's metric (att_approach)"),
+        ("finished trips", seconds(result.att_finished), "mean, from insertion (att_finished)"),
+        ("time loss", seconds(result.time_loss), "mean over inserted vehicles"),
+        ("waiting to enter", seconds(result.depart_delay), "mean over all demand"),
+        (
+            "vehicles",
+            f"{result.finished} of {result.demand}",
+            f"finished; {result.never_inserted} never entered",
+        ),
+        ("queue", f"{result.mean_queue:.1f}", "vehicles below 0.1 m/s, mean over the run"),
+        ("missing", f"{100 * result.missing_share:.1f} %", "of lane readings"),
+    ]
+    if result.imputation_mae is not None:
+        lines.append(
+            ("imputation error", f"{result.imputation_mae:.2f}", "vehicles, mean absolute")
+        )
+    if result.decision_ms_median is not None:
+        lines.append(("decision", f"{result.decision_ms_median:.2f} ms", "median"))
+    lines.append(("speed", f"{result.sim_s_per_wall_s:.0f} ×", "real time"))
+    return lines
+
+
+def warnings(result: Result) -> list[str]:
+    """What a user should know about a run that did not go as runs should."""
+    found = []
+    if result.gridlock:
+        found.append("the network was gridlocked at the end (docs/metrics.md)")
+    for count, what in (
+        (result.fallbacks, "decisions were answered by the safe fallback (run.json says why)"),
+        (result.held_greens, "changes of phase had to wait for the minimum green"),
+        (result.teleports, "vehicles were teleported"),
+        (result.collisions, "collisions"),
+        (result.emergency_brakings, "emergency brakings"),
+    ):
+        if count:
+            found.append(f"{count} {what}")
+    return found

@@ -1,0 +1,188 @@
+"""``tsc-run``: one closed-loop run."""
+
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from tsc_missing.cli.common import make_app, messages, run_app
+from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.evaluation.metrics import Result
+from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
+from tsc_missing.files import check_writable
+
+app = make_app("Run one simulation in closed loop, with sensors missing, and account for it.")
+
+DEFAULT = RunSettings()
+
+
+@app.command()
+def run(
+    net: Annotated[
+        str, typer.Option(help="A network's name (jinan, hangzhou_2, …) or a network folder.")
+    ] = DEFAULT.net,
+    demand: Annotated[
+        str, typer.Option(help="profile (bundled), recorded (imported), or auto.")
+    ] = DEFAULT.demand,
+    volume: Annotated[
+        float, typer.Option(help="Scales the arrivals of a profile.")
+    ] = DEFAULT.volume,
+    controller: Annotated[
+        str, typer.Option(help="Who decides; see the README for the names.")
+    ] = DEFAULT.controller,
+    imputer: Annotated[
+        str, typer.Option(help="What fills the holes for controllers that need values.")
+    ] = DEFAULT.imputer,
+    blind: Annotated[
+        str, typer.Option(help="What runs at intersections without a sensor: fixed-time, none.")
+    ] = DEFAULT.blind,
+    missing: Annotated[
+        str, typer.Option(help="none, random, kriging, lane, burst or mixed.")
+    ] = DEFAULT.missing.pattern,
+    rate: Annotated[
+        float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
+    ] = None,
+    adjacent: Annotated[
+        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
+    ] = DEFAULT.missing.adjacent,
+    mean_outage: Annotated[
+        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
+    ] = DEFAULT.missing.mean_outage,
+    mask: Annotated[Path | None, typer.Option(help="Replay the mask.npz of another run.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
+    horizon: Annotated[int, typer.Option(help="Simulated seconds.")] = DEFAULT.horizon,
+    sensor: Annotated[
+        str, typer.Option(help="lane: the whole lane; area: its last metres.")
+    ] = DEFAULT.sensor.kind,
+    detector_length: Annotated[
+        float, typer.Option(help="Metres that an area detector covers.")
+    ] = DEFAULT.sensor.length,
+    decision_interval: Annotated[
+        int, typer.Option(help="Seconds between decisions.")
+    ] = DEFAULT.signals.decision_interval,
+    yellow: Annotated[
+        int, typer.Option(help="Seconds of yellow at a change of phase.")
+    ] = DEFAULT.signals.yellow,
+    all_red: Annotated[
+        int, typer.Option(help="Seconds of all-red after the yellow.")
+    ] = DEFAULT.signals.all_red,
+    min_green: Annotated[
+        int, typer.Option(help="Seconds that a green lasts at least.")
+    ] = DEFAULT.signals.min_green,
+    gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="The run folder to write. [default: a new one in runs/]")
+    ] = None,
+    decisions: Annotated[bool, typer.Option(help="Write decisions.parquet.")] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object and nothing else.")
+    ] = False,
+) -> None:
+    """Run one simulation in closed loop, with sensors missing, and account for it."""
+    settings = make_settings(
+        net=net,
+        demand=demand,
+        volume=volume,
+        controller=controller,
+        imputer=imputer,
+        blind=blind,
+        missing={
+            "pattern": missing,
+            "rate": _rate(missing, rate, mask),
+            "adjacent": adjacent,
+            "mean_outage": mean_outage,
+        },
+        sensor={"kind": sensor, "length": detector_length},
+        signals={
+            "decision_interval": decision_interval,
+            "yellow": yellow,
+            "all_red": all_red,
+            "min_green": min_green,
+        },
+        seed=seed,
+        horizon=horizon,
+    )
+    folder = out if out is not None else _free_folder(settings)
+    check_writable(folder, "out")
+    options = Options(folder, decisions, mask, "gui" if gui else "libsumo")
+    prepared = prepare(settings, options)
+    result = _watched(prepared, quiet=as_json)
+    if as_json:
+        json.dump({**describe(prepared, result), "out": str(folder)}, sys.stdout)
+        sys.stdout.write("\n")
+    else:
+        _print_result(prepared, result, folder)
+
+
+def make_settings(**values: Any) -> RunSettings:
+    """The settings of a run; ``UserError`` names the option that is wrong."""
+    try:
+        return RunSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = str(first["loc"][-1]) if first["loc"] else "options"
+        option = OPTION_OF.get(name, name).replace("_", "-")
+        raise UserError(f"--{option}", first["input"], _allowed(first)) from None
+
+
+OPTION_OF = {"pattern": "missing", "kind": "sensor", "length": "detector_length"}
+
+
+def _allowed(problem: Any) -> str:
+    """Words for what is allowed, with the nearest name where a name was wanted."""
+    if problem["type"] == "literal_error":
+        names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")
+        return nearest(str(problem["input"]), names)
+    return str(problem["msg"]).removeprefix("Value error, ")
+
+
+def _rate(pattern: str, rate: float | None, mask: Path | None) -> float:
+    if rate is not None and pattern == "none" and rate != 0:
+        raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
+    if rate is None and pattern != "none" and mask is None:
+        raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
+    return rate or 0.0
+
+
+def _free_folder(settings: RunSettings) -> Path:
+    missing = settings.missing
+    what = [
+        Path(settings.net).name,
+        missing.pattern,
+        *([f"{missing.rate:g}"] if missing.pattern != "none" else []),
+        settings.controller,
+        f"seed{settings.seed}",
+    ]
+    base = "-".join(what)
+    names = itertools.chain([base], (f"{base}-{k}" for k in itertools.count(2)))
+    return next(path for path in (Path("runs", name) for name in names) if not path.exists())
+
+
+def _watched(prepared: Prepared, quiet: bool) -> Result:
+    """Run it with a progress bar where there is a terminal to show it on."""
+    if quiet or not messages.is_terminal:
+        return execute(prepared)
+    from tsc_missing.cli.progress import progress_bar
+
+    with progress_bar(prepared.settings.horizon) as watch:
+        return execute(prepared, watch)
+
+
+def _print_result(prepared: Prepared, result: Result, folder: Path) -> None:
+    from tsc_missing.cli.result_table import print_result
+
+    print_result(prepared, result, folder)
+
+
+def main() -> None:
+    """The entry point of ``tsc-run``."""
+    run_app(app, "tsc-run")
+
+
+if __name__ == "__main__":
+    main()

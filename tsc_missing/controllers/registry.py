@@ -1,0 +1,61 @@
+"""Controllers by name, composed with an imputer and a rule for blind intersections."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
+from tsc_missing.controllers.base import Controller
+from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
+from tsc_missing.controllers.max_pressure import MaxPressure
+from tsc_missing.controllers.max_queue import MaxQueue
+from tsc_missing.controllers.random_phases import RandomPhases
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.imputation.base import Imputed
+from tsc_missing.imputation.registry import make_imputer
+from tsc_missing.simulation.native import KINDS
+
+NATIVE = KINDS  # SUMO's own programs: names for comparisons, not controllers
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A controller that can be had by name.
+
+    ``needs_values``: it decides on complete values, so it is composed with an imputer and, where
+    there is nothing to impute from, with the rule for blind intersections.
+    """
+
+    make: Callable[[], Controller]
+    needs_values: bool
+
+
+CONTROLLERS: dict[str, Entry] = {
+    "advanced-max-pressure": Entry(AdvancedMaxPressure, needs_values=True),
+    "fixed-time": Entry(FixedTime, needs_values=False),
+    "fixed-time-15": Entry(lambda: PlainCycle(15.0), needs_values=False),
+    "fixed-time-30": Entry(lambda: PlainCycle(30.0), needs_values=False),
+    "max-pressure": Entry(MaxPressure, needs_values=True),
+    "max-queue": Entry(MaxQueue, needs_values=True),
+    "random": Entry(RandomPhases, needs_values=False),
+}
+
+BLIND: dict[str, Callable[[Controller], Controller]] = {
+    "none": lambda controller: controller,
+    "fixed-time": lambda controller: Blind(controller, FixedTime()),
+}
+
+
+def make_controller(name: str, imputer: str, blind: str) -> Controller:
+    """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
+
+    Raises ``UserError`` for names that are unknown.
+    """
+    if name not in CONTROLLERS:
+        raise UserError("controller", name, nearest(name, [*CONTROLLERS, *NATIVE]))
+    if blind not in BLIND:
+        raise UserError("blind", blind, nearest(blind, BLIND))
+    entry = CONTROLLERS[name]
+    if not entry.needs_values:
+        return entry.make()
+    return BLIND[blind](Imputed(make_imputer(imputer), entry.make()))

@@ -1,0 +1,207 @@
+"""The closed loop: advance, read, mask, decide, apply, for every decision step of a run."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsc_missing.config import RunSettings
+from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.demand.trips import Demand, turning_flows, write_routes
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.seeding import stream
+from tsc_missing.sensing.observation import N_FEATURES, apply_mask
+from tsc_missing.simulation.detectors import Detectors, write_area_detectors
+from tsc_missing.simulation.engine import EngineName, Inputs, Simulation
+from tsc_missing.simulation.programs import NativeProgram
+from tsc_missing.simulation.outputs import OutputFiles
+from tsc_missing.simulation.signals import Signals
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a run needs besides its settings."""
+
+    network: Network
+    net_file: Path
+    demand: Demand
+    mask: BoolArray  # (T, N, 12)
+
+
+@dataclass
+class Trace:
+    """What happened at each of T decision steps; rows are filled as the run goes."""
+
+    time: FloatArray  # (T,) [s]
+    phase: IntArray  # (T, N) that ran in the step; -1 where SUMO's own program is between two
+    truth: FloatArray  # (T, N, 12, F)
+    estimate: FloatArray  # (T, N, 12, F); NaN where the controller filled nothing
+    mask: BoolArray  # (T, N, 12)
+    decision_seconds: FloatArray  # (T,)
+    held: int = 0
+    wall_seconds: float = 0.0
+
+    @classmethod
+    def empty(cls, mask: BoolArray) -> "Trace":
+        """A trace of T steps with nothing in it."""
+        steps, n, slots = mask.shape
+        shape = (steps, n, slots, N_FEATURES)
+        return cls(
+            time=np.full(steps, np.nan),
+            phase=np.full((steps, n), -1, dtype=np.int64),
+            truth=np.zeros(shape),
+            estimate=np.full(shape, np.nan),
+            mask=mask,
+            decision_seconds=np.full(steps, np.nan),
+        )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state of a run for who watches it."""
+
+    time: float  # [s]
+    running: int  # vehicles in the network
+    waiting: int  # vehicles that wait to enter
+    att: float  # [s] so far: vehicle-seconds since scheduled departure over vehicles scheduled
+
+
+Watch = Callable[[Progress], None]
+
+
+def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
+    """What the controller knows before the first step."""
+    signals = settings.signals
+    return ControlContext(
+        network=scene.network,
+        turning_flows=turning_flows(scene.demand.trips, scene.network, settings.horizon),
+        sensors=scene.mask.any(axis=0),
+        decision_interval=signals.decision_interval,
+        lost_time=signals.yellow + signals.all_red,
+        seed=int(stream(settings.seed, "controller").integers(2**31)),
+    )
+
+
+def run_closed_loop(
+    scene: Scene,
+    settings: RunSettings,
+    controller: Controller | NativeProgram,
+    folder: Path,
+    engine: EngineName = "libsumo",
+    watch: Watch | None = None,
+) -> Trace:
+    """Run the whole horizon; SUMO's inputs and outputs go to ``folder``, which must exist.
+
+    A ``NativeProgram`` is a signal program that SUMO runs itself, with full information; the
+    loop then only looks on.
+    """
+    began = time.perf_counter()
+    inputs = _write_inputs(scene, settings, controller, folder)
+    trace = Trace.empty(scene.mask)
+    if isinstance(controller, Controller):
+        controller.reset(control_context(scene, settings))
+    with Simulation(inputs, OutputFiles(folder).options(), engine, settings.seed) as simulation:
+        detectors = Detectors(scene.network, settings.sensor, simulation.api)
+        meter = _Meter(scene.demand, watch, simulation)
+        if isinstance(controller, Controller):
+            _control(scene, settings, controller, simulation, detectors, trace, meter)
+        else:
+            _look_on(settings, controller, simulation, detectors, trace, meter)
+    trace.wall_seconds = time.perf_counter() - began
+    return trace
+
+
+def _write_inputs(
+    scene: Scene, settings: RunSettings, controller: Controller | NativeProgram, folder: Path
+) -> Inputs:
+    routes, lanes = folder / "demand.rou.xml", folder / "lanes.add.xml"
+    write_routes(scene.demand, settings.vehicle, routes)
+    OutputFiles(folder).write_lane_request(lanes)
+    additional = [lanes]
+    if settings.sensor.kind == "area":
+        additional.append(folder / "detectors.add.xml")
+        write_area_detectors(scene.network, settings.sensor.length, additional[-1])
+    if isinstance(controller, NativeProgram):
+        additional.append(folder / "signals.add.xml")
+        controller.write(settings.signals, additional[-1])
+    return Inputs(scene.net_file, routes, tuple(additional))
+
+
+def _control(
+    scene: Scene,
+    settings: RunSettings,
+    controller: Controller,
+    simulation: Simulation,
+    detectors: Detectors,
+    trace: Trace,
+    meter: "_Meter",
+) -> None:
+    send = simulation.api.trafficlight.setRedYellowGreenState
+    timing = settings.signals
+    signals = Signals(scene.network, timing, send)
+    for step in range(len(scene.mask)):
+        now = step * timing.decision_interval
+        end = min(now + timing.decision_interval, settings.horizon)
+        truth = detectors.read()
+        observation = apply_mask(
+            truth, scene.mask[step], step, now, signals.phase, signals.red_steps
+        )
+        asked = time.perf_counter()
+        phases = controller.decide(observation)
+        trace.decision_seconds[step] = time.perf_counter() - asked
+        if signals.command(phases, now):
+            simulation.advance(min(now + timing.yellow, end))
+            if timing.all_red and now + timing.yellow < end:
+                signals.clear(now + timing.yellow)
+                simulation.advance(min(now + timing.yellow + timing.all_red, end))
+            if now + timing.yellow + timing.all_red < end:
+                signals.release(now + timing.yellow + timing.all_red)
+        simulation.advance(end)
+        trace.time[step], trace.truth[step], trace.phase[step] = now, truth.values, signals.phase
+        estimates = controller.estimates()
+        if estimates is not None:
+            trace.estimate[step] = estimates
+        meter.update(end)
+    trace.held = signals.held
+
+
+def _look_on(
+    settings: RunSettings,
+    program: NativeProgram,
+    simulation: Simulation,
+    detectors: Detectors,
+    trace: Trace,
+    meter: "_Meter",
+) -> None:
+    interval = settings.signals.decision_interval
+    program.start(simulation.api)
+    for step in range(len(trace.time)):
+        now, end = step * interval, min((step + 1) * interval, settings.horizon)
+        trace.time[step], trace.truth[step] = now, detectors.read().values
+        simulation.advance(end)
+        trace.phase[step] = program.phases(simulation.api)
+        meter.update(end)
+
+
+class _Meter:
+    """Running totals for who watches; asks the simulator for nothing when nobody does."""
+
+    def __init__(self, demand: Demand, watch: Watch | None, simulation: Simulation) -> None:
+        self._scheduled = np.array([trip.depart for trip in demand.trips])
+        self._watch = watch
+        self._simulation = simulation
+        self._last = 0.0
+        self._seconds = 0.0
+
+    def update(self, now: float) -> None:
+        if self._watch is None:
+            return
+        running = int(self._simulation.api.vehicle.getIDCount())
+        waiting = len(self._simulation.api.simulation.getPendingVehicles())
+        self._seconds += (now - self._last) * (running + waiting)
+        self._last = now
+        scheduled = int(np.searchsorted(self._scheduled, now))
+        att = self._seconds / scheduled if scheduled else 0.0
+        self._watch(Progress(now, running, waiting, att))

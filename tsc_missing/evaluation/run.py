@@ -1,0 +1,126 @@
+"""One run, from settings to a run folder and a result."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsc_missing.config import RunSettings
+from tsc_missing.controllers.base import Controller
+from tsc_missing.controllers.fallback import Safe
+from tsc_missing.controllers.registry import NATIVE, make_controller
+from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
+from tsc_missing.evaluation.metrics import Result, summarise
+from tsc_missing.evaluation.scenario import Scenario, find_scenario
+from tsc_missing.files import whole_folder
+from tsc_missing.network.model import BoolArray
+from tsc_missing.sensing.masks import load_mask
+from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.simulation.engine import EngineName
+from tsc_missing.simulation.outputs import OutputFiles, TripTimes
+from tsc_missing.simulation.programs import NativeProgram
+from tsc_missing.versions import git_revision, versions
+
+
+@dataclass(frozen=True)
+class Options:
+    """What does not change a run's result: where it goes and what is watched."""
+
+    out: Path | None = None  # the run folder; None keeps nothing
+    decisions: bool = True  # write decisions.parquet
+    mask_file: Path | None = None  # replay this mask instead of drawing one
+    engine: EngineName = "libsumo"
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run that has been checked and can start."""
+
+    settings: RunSettings
+    options: Options
+    scenario: Scenario
+    scene: Scene
+    controller: Controller | NativeProgram
+
+
+def prepare(settings: RunSettings, options: Options) -> Prepared:
+    """Check everything a user can get wrong before anything starts."""
+    scenario = find_scenario(settings.net, settings.demand)
+    network = scenario.folder.network
+    controller = _controller(settings, scenario)
+    mask = _mask(settings, options, scenario)
+    scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), mask)
+    return Prepared(settings, options, scenario, scene, controller)
+
+
+def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
+    if settings.controller in NATIVE:
+        return NativeProgram(settings.controller, scenario.folder.network)
+    controller = make_controller(settings.controller, settings.imputer, settings.blind)
+    return Safe(controller, float(settings.signals.decision_interval))
+
+
+def _mask(settings: RunSettings, options: Options, scenario: Scenario) -> BoolArray:
+    network = scenario.folder.network
+    if options.mask_file is not None:
+        return load_mask(options.mask_file, network, settings.steps)
+    return draw_mask(settings.missing, network, settings.steps, settings.seed)
+
+
+def execute(prepared: Prepared, watch: Watch | None = None) -> Result:
+    """Run it; the run folder, where one is wanted, is whole or not there."""
+    if prepared.options.out is None:
+        return _execute(prepared, None, watch)
+    with whole_folder(prepared.options.out, "out") as folder:
+        return _execute(prepared, folder, watch)
+
+
+def _execute(prepared: Prepared, folder: Path | None, watch: Watch | None) -> Result:
+    settings, scene = prepared.settings, prepared.scene
+    with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
+        trace = run_closed_loop(
+            scene, settings, prepared.controller, Path(scratch), prepared.options.engine, watch
+        )
+        fallbacks = (
+            prepared.controller.fallback_steps if isinstance(prepared.controller, Safe) else 0
+        )
+        files = OutputFiles(Path(scratch))
+        result, trips = summarise(scene, trace, files, settings.horizon, fallbacks)
+    if folder is not None:
+        _write(folder, prepared, trace, trips, result)
+    return result
+
+
+def _write(
+    folder: Path, prepared: Prepared, trace: Trace, trips: TripTimes, result: Result
+) -> None:
+    from tsc_missing.evaluation.run_folder import (
+        write_decisions,
+        write_mask,
+        write_run,
+        write_trips,
+    )
+
+    write_run(folder, describe(prepared, result))
+    write_trips(folder, prepared.scene, trips, prepared.settings.horizon)
+    if not isinstance(prepared.controller, NativeProgram):
+        write_mask(folder, prepared.scene)
+    if prepared.options.decisions:
+        write_decisions(folder, prepared.scene, trace)
+
+
+def describe(prepared: Prepared, result: Result) -> dict[str, object]:
+    """The content of ``run.json``: settings, what they resolved to, versions, result."""
+    scenario = prepared.scenario
+    controller = prepared.controller
+    return {
+        "settings": prepared.settings.model_dump(mode="json"),
+        "scenario": scenario.name,
+        "demand": scenario.demand_kind,
+        "engine": prepared.options.engine,
+        "mask": "replayed" if prepared.options.mask_file else "drawn",
+        "checksums": scenario.checksums(),
+        "versions": versions(),
+        "git": git_revision(),
+        "fallback_error": controller.last_error if isinstance(controller, Safe) else "",
+        "result": result.model_dump(mode="json"),
+    }

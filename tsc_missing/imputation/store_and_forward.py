@@ -1,0 +1,109 @@
+"""Store-and-forward imputation: a lane is like the lanes around it were a step ago."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsc_missing.controllers.base import ControlContext
+from tsc_missing.imputation.base import Imputer
+from tsc_missing.imputation.memory import LastReported
+from tsc_missing.network.model import FloatArray, IntArray, Network
+from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.sensing.observation import N_FEATURES, Observation
+
+
+class StoreAndForward(Imputer):
+    """A missing slot takes the mean of the previous step of its k nearest slots.
+
+    The store-and-forward method (SFM) of the DiffLight paper's baselines, with k = 12: nearest
+    along traffic movements, and previous values filled in turn where they were missing. Before
+    the first step all slots count as empty. Means are per lane, times the lanes of the slot.
+    """
+
+    def __init__(self, k: int = 12) -> None:
+        """``k`` is the number of nearest slots."""
+        self.k = k
+
+    def reset(self, context: ControlContext) -> None:
+        """Forget everything and get ready for a run on the context's network."""
+        shape = (context.network.n, N_SLOTS)
+        table = nearest_slots(context.network, self.k)
+        self._nearest = np.maximum(table, 0)
+        self._weight = (table >= 0) / (table >= 0).sum(axis=1, keepdims=True)
+        self._lanes = _lanes(context.network)
+        self._previous = np.zeros((*shape, N_FEATURES))
+        self._exits = LastReported(shape)
+
+    def fill(self, observation: Observation) -> Observation:
+        """The observation with finite values everywhere; what was reported stays as it was."""
+        per_lane = self._previous.reshape(-1, N_FEATURES) / self._lanes
+        mean = np.einsum("sk,skf->sf", self._weight, per_lane[self._nearest])
+        estimate = (mean * self._lanes).reshape(self._previous.shape)
+        self._previous = np.where(observation.mask[:, :, None], observation.values, estimate)
+        return observation.filled(
+            self._previous, self._exits.update(observation.exits, observation.mask)
+        )
+
+
+def nearest_slots(network: Network, k: int) -> IntArray:
+    """(12 N, k): the flat slots nearest to each flat slot, nearest first, then -1.
+
+    A hop leads from a slot to one that feeds its road, or to one on the road it leads to. Of slots
+    as many hops away those reached by a last hop upstream come first. A slot that no other can be
+    reached from (a right turn at a corner, from boundary to boundary) has itself.
+    """
+    upstream, downstream = _hops(network)
+    table = np.full((network.n * N_SLOTS, k), -1, dtype=np.int64)
+    for slot in range(len(table)):
+        nearest = _nearest(upstream, downstream, slot, k)
+        table[slot, : len(nearest)] = nearest
+    return table
+
+
+def _nearest(
+    upstream: Sequence[Sequence[int]], downstream: Sequence[Sequence[int]], slot: int, k: int
+) -> list[int]:
+    """The first k slots of a breadth-first search from ``slot``, or itself if there are none."""
+    found: list[int] = []
+    seen, front = {slot}, [slot]
+    while front and len(found) < k:
+        reached = [s for hops in (upstream, downstream) for at in front for s in hops[at]]
+        front = [s for s in dict.fromkeys(reached) if s not in seen]
+        seen.update(front)
+        found += front
+    return found[:k] or [slot]
+
+
+def _hops(network: Network) -> tuple[list[list[int]], list[list[int]]]:
+    """For each flat slot those one hop upstream and those one hop downstream, in order.
+
+    ``neighbours`` sees through junctions without signals and ``downstream`` has no limit of three:
+    a hop is what either of them knows.
+    """
+    size = network.n * N_SLOTS
+    edges = {
+        (int(feeder), slot)
+        for slot, feeders in enumerate(network.neighbours.reshape(size, -1))
+        for feeder in feeders[feeders >= 0]
+    } | {
+        (slot, int(follower))
+        for slot, followers in enumerate(network.downstream.reshape(size, -1))
+        for follower in followers[followers >= 0]
+    }
+    upstream: list[list[int]] = [[] for _ in range(size)]
+    downstream: list[list[int]] = [[] for _ in range(size)]
+    for feeder, follower in sorted(edges):
+        upstream[follower].append(feeder)
+        downstream[feeder].append(follower)
+    return upstream, downstream
+
+
+def _lanes(network: Network) -> FloatArray:
+    """(12 N, 1): the lanes of each flat slot, 1 where it is not there.
+
+    A lane that slots share counts in equal parts.
+    """
+    _, slots, weights = network.lane_slots
+    lanes: FloatArray = np.zeros(network.n * N_SLOTS)
+    np.add.at(lanes, slots, weights)
+    return np.where(lanes > 0, lanes, 1.0)[:, None]

@@ -1,0 +1,130 @@
+"""Network folders: a SUMO net, its ``network.json``, perhaps routes, and a manifest."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.files import parse, read_json, sha256
+from tsc_missing.network.model import Network
+from tsc_missing.network.records import NetworkRecord
+from tsc_missing.paths import bundled, user_networks
+from tsc_missing.versions import versions
+
+FIELD = "net"
+NET = "net.net.xml"
+RECORD = "network.json"
+ROUTES = "routes.rou.xml"
+MANIFEST = "manifest.json"
+
+_RECORD = TypeAdapter(NetworkRecord)
+
+
+class Manifest(BaseModel):
+    """What ``manifest.json`` says: what the folder was made of, by what, and its checksums."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal[1] = 1
+    name: str
+    kind: Literal["grid", "cityflow"]
+    intersections: int
+    vehicles: int | None = None  # of the recorded demand, where there is one
+    horizon: float | None = None  # [s] that the recorded demand was read up to
+    sources: dict[str, str] = {}  # SHA-256 of the files it was made from, by file name
+    files: dict[str, str] = {}  # SHA-256 of the folder's own files
+    versions: dict[str, str] = {}
+
+
+_MANIFEST = TypeAdapter(Manifest)
+
+
+@dataclass(frozen=True)
+class NetworkFolder:
+    """A network folder that was read and found whole."""
+
+    path: Path
+    manifest: Manifest
+    network: Network
+
+    @property
+    def net_file(self) -> Path:
+        """The SUMO net."""
+        return self.path / NET
+
+    @property
+    def routes_file(self) -> Path | None:
+        """The recorded demand as a SUMO route file, where the folder has one."""
+        path = self.path / ROUTES
+        return path if path.exists() else None
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest last, with the checksums of the files that are in the folder."""
+    names = [name for name in (NET, RECORD, ROUTES) if (folder / name).exists()]
+    whole = manifest.model_copy(update={"files": {n: sha256(folder / n) for n in names}})
+    text = json.dumps(whole.model_dump(exclude_none=True), indent=1) + "\n"
+    (folder / MANIFEST).write_text(text, encoding="utf-8")
+
+
+def builder_versions() -> dict[str, str]:
+    """The versions that a built network depends on."""
+    wanted = ("tsc-missing", "libsumo")
+    return {name: version for name, version in versions().items() if name in wanted}
+
+
+def read_folder(path: Path, name: str) -> NetworkFolder:
+    """The network folder at ``path``; ``UserError`` tells what is not there or has changed."""
+    if not (path / MANIFEST).is_file():
+        raise UserError(FIELD, name, f"{path} has no {MANIFEST}, so it is no network folder")
+    manifest = parse(_MANIFEST, read_json(path / MANIFEST, FIELD), FIELD, path / MANIFEST)
+    _check_files(path, manifest.files, name)
+    record = parse(_RECORD, read_json(path / RECORD, FIELD), FIELD, path / RECORD)
+    return NetworkFolder(path, manifest, Network(manifest.name, record))
+
+
+def _check_files(path: Path, files: Mapping[str, str], name: str) -> None:
+    for required in (NET, RECORD):
+        if required not in files:
+            raise UserError(FIELD, name, f"{path / MANIFEST} does not list {required}")
+    for file, checksum in files.items():
+        if not (path / file).is_file():
+            raise UserError(FIELD, name, f"{path / file} is missing")
+        if sha256(path / file) != checksum:
+            raise UserError(
+                FIELD, name, f"{path / file} is not the file that was built (other checksum)"
+            )
+
+
+def bundled_cities() -> tuple[str, ...]:
+    """The names of the bundled networks."""
+    root = bundled("networks")
+    return tuple(sorted(p.name for p in root.iterdir() if (p / MANIFEST).is_file()))
+
+
+def bundled_profiles() -> dict[str, Path]:
+    """The bundled demand profiles by dataset, as ``jinan_1``."""
+    return {path.stem: path for path in sorted((bundled("scenarios") / "demand").glob("*.json"))}
+
+
+def imported_networks() -> dict[str, Path]:
+    """The networks in the user's data folder by name."""
+    root = user_networks()
+    if not root.is_dir():
+        return {}
+    return {p.name: p for p in sorted(root.iterdir()) if (p / MANIFEST).is_file()}
+
+
+def canonical(name: str) -> str:
+    """A city's name means its first dataset: ``jinan`` is ``jinan_1``."""
+    return f"{name}_1" if name in bundled_cities() else name
+
+
+def unknown_network(name: str) -> UserError:
+    """The error for a name that is neither bundled nor imported nor a folder."""
+    known = {*bundled_profiles(), *bundled_cities(), *imported_networks()}
+    return UserError(FIELD, name, f"{nearest(name, known)}, or the path of a network folder")

@@ -1,0 +1,62 @@
+"""From CityFlow files to a network folder."""
+
+from pathlib import Path
+
+from tsc_missing.config import VehicleType
+from tsc_missing.demand.cityflow import read_flow
+from tsc_missing.demand.trips import write_routes
+from tsc_missing.files import sha256, whole_folder
+from tsc_missing.network.cityflow import read_roadnet
+from tsc_missing.network.compile import compile_network, read_net
+from tsc_missing.network.folder import (
+    NET,
+    RECORD,
+    ROUTES,
+    Manifest,
+    builder_versions,
+    write_manifest,
+)
+from tsc_missing.network.netconvert import write_net
+from tsc_missing.network.plain import PlainNetwork
+from tsc_missing.network.records import NetworkRecord
+
+
+def build_network(plain: PlainNetwork, folder: Path) -> NetworkRecord:
+    """Write the SUMO net of a plain network and its record into a folder."""
+    write_net(plain, folder / NET)
+    record = compile_network(read_net(folder / NET), plain)
+    (folder / RECORD).write_text(record.model_dump_json() + "\n", encoding="utf-8")
+    return record
+
+
+def import_cityflow(
+    roadnet: Path,
+    flow: Path | None,
+    target: Path,
+    name: str,
+    horizon: float,
+    all_phases: bool = False,
+    field: str = "out",
+) -> Manifest:
+    """Write a network folder from a CityFlow road network and, where given, a flow.
+
+    Trips that depart before ``horizon`` [s] are kept. ``field`` names ``target`` in errors.
+    Nothing is left behind when something is wrong with the files.
+    """
+    plain = read_roadnet(roadnet, all_phases)
+    demand = read_flow(flow, plain, horizon) if flow is not None else None
+    with whole_folder(target, field) as folder:
+        record = build_network(plain, folder)
+        if demand is not None:
+            write_routes(demand, VehicleType(), folder / ROUTES)
+        manifest = Manifest(
+            name=name,
+            kind="cityflow",
+            intersections=len(record.intersections),
+            vehicles=len(demand.trips) if demand is not None else None,
+            horizon=horizon if demand is not None else None,
+            sources={path.name: sha256(path) for path in (roadnet, flow) if path is not None},
+            versions=builder_versions(),
+        )
+        write_manifest(folder, manifest)
+    return manifest

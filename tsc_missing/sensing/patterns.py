@@ -1,0 +1,239 @@
+"""Which sensors report when: masks of the missing-data patterns, drawn from a seed.
+
+A mask is (T, N, 12), true = reported. Slots that an intersection does not have always count as
+reported: it is known that nothing is there. With the same seed a longer mask begins with the
+shorter one.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from tsc_missing.config import MissingSettings
+from tsc_missing.errors import UserError
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.seeding import stream
+
+Pattern = Callable[[MissingSettings, Network, int, np.random.Generator], BoolArray]
+
+
+def draw_mask(settings: MissingSettings, network: Network, steps: int, seed: int) -> BoolArray:
+    """(T, N, 12): which slots report at each of ``steps`` decision steps."""
+    reported = PATTERNS[settings.pattern](settings, network, steps, stream(seed, "mask"))
+    absent = ~network.slot_mask
+    return np.broadcast_to(reported, (steps, network.n, N_SLOTS)) | absent
+
+
+def _none(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """Everything reports."""
+    return np.ones((steps, 1, 1), dtype=bool)
+
+
+def _random(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """(T, N, 1): each step of each intersection is missing with probability ``rate``."""
+    return rng.random((steps, network.n, 1)) >= settings.rate
+
+
+def _lane(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """(T, N, 12): each step of each slot is missing with probability ``rate``."""
+    return rng.random((steps, network.n, N_SLOTS)) >= settings.rate
+
+
+def _kriging(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """(1, N, 1): ``rate`` of the intersections, at least one unless it is 0, never report."""
+    count = max(_nearest_count(settings.rate, network.n), int(settings.rate > 0))
+    draw = _surrounded_set if settings.adjacent else _spread_set
+    return _without(draw(network, count, settings.rate, rng), network.n)
+
+
+def _burst(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """(T, N, 1): outages of ``mean_outage`` steps on average cover ``rate`` of the time."""
+    most = _largest_outage_share(settings.mean_outage)
+    _check_outages(settings, most)
+    chance = rng.random((steps, network.n))
+    return ~_outages(settings.rate, settings.mean_outage, chance)[:, :, None]
+
+
+def _mixed(
+    settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
+) -> BoolArray:
+    """(T, N, 12): blind intersections, bursts and single lanes together.
+
+    The blind intersections are non-adjacent and take as much of a third of ``rate`` as can be
+    placed, a share a of the slots. Bursts and lanes are each missing with probability b, all three
+    independent, so that the expected share of missing slots is 1 - (1 - a)(1 - b)^2 = ``rate``.
+    """
+    _check_outages(settings, 1 - (1 - _largest_outage_share(settings.mean_outage)) ** 2)
+    order = _greedy_independent(network.adjacency, rng.permutation(network.n))
+    shares = np.cumsum(network.slot_mask[order].sum(axis=1)) / network.slot_mask.sum()
+    count = int(np.searchsorted(shares, settings.rate / 3 + 1e-9, side="right"))
+    blind_share = shares[count - 1] if count else 0.0
+    rest = 1 - math.sqrt((1 - settings.rate) / (1 - blind_share))
+    chance = rng.random((steps, network.n, 1 + N_SLOTS))
+    out = _outages(rest, settings.mean_outage, chance[:, :, 0])[:, :, None]
+    return _without(order[:count], network.n) & ~out & (chance[:, :, 1:] >= rest)
+
+
+PATTERNS: dict[str, Pattern] = {
+    "none": _none,
+    "random": _random,
+    "kriging": _kriging,
+    "lane": _lane,
+    "burst": _burst,
+    "mixed": _mixed,
+}
+
+
+def _without(blind: IntArray, n: int) -> BoolArray:
+    """(1, N, 1): true but for the intersections ``blind``."""
+    return ~np.isin(np.arange(n), blind)[None, :, None]
+
+
+def _nearest_count(rate: float, n: int) -> int:
+    """``rate`` of n, rounded half up; as exact as rates written in decimals are."""
+    return math.floor(round(rate * n, 9) + 0.5)
+
+
+# Outages: a Markov chain that fails with probability f and recovers with probability
+# r = 1 / mean_outage is missing f / (f + r) of the time, which at f = 1 is the most it can be.
+
+
+def _largest_outage_share(mean_outage: float) -> float:
+    """The largest share of time below 1 that outages of this mean length [steps] can cover."""
+    return mean_outage / (mean_outage + 1)
+
+
+def _check_outages(settings: MissingSettings, most: float) -> None:
+    if most < settings.rate < 1:
+        shown = math.floor(most * 1e4) / 1e4
+        raise UserError(
+            "rate",
+            settings.rate,
+            f"with mean_outage {settings.mean_outage:g} it may be at most {shown:g}, or 1; "
+            "a larger mean_outage allows more",
+        )
+
+
+def _outages(share: float, mean_outage: float, chance: FloatArray) -> BoolArray:
+    """(T, N): true in an outage, from two-state Markov chains in their stationary state.
+
+    ``chance`` (T, N) are uniform random numbers in [0, 1).
+    """
+    if share == 1:
+        return np.ones(chance.shape, dtype=bool)
+    recover = 1 / mean_outage
+    fail = share * recover / (1 - share)
+    out = chance < share
+    for step in range(1, len(chance)):
+        out[step] = np.where(out[step - 1], chance[step] >= recover, chance[step] < fail)
+    return out
+
+
+# Blind sets.
+
+
+def _spread_set(network: Network, count: int, rate: float, rng: np.random.Generator) -> IntArray:
+    """``count`` intersections of which no two are adjacent; ``UserError`` if there are none."""
+    found = _independent(network.adjacency, count, rng)
+    if found is None:
+        most = len(_solve_independent(network.adjacency, np.ones(network.n), None))
+        raise UserError(
+            "rate",
+            rate,
+            f"at most {most} of the {network.n} intersections (rate {most / network.n:.4g}) can "
+            "be blind without two being adjacent",
+        )
+    return found
+
+
+def _surrounded_set(
+    network: Network, count: int, rate: float, rng: np.random.Generator
+) -> IntArray:
+    """``count`` intersections, among them one with all its neighbours.
+
+    The others are neither adjacent to these nor to each other where that can be done.
+    """
+    if count == 0:
+        return np.zeros(0, dtype=np.int64)
+    sizes = 1 + network.adjacency.sum(axis=1)
+    if sizes.min() > count:
+        raise UserError(
+            "rate",
+            rate,
+            f"at least {sizes.min()} of the {network.n} intersections (rate "
+            f"{sizes.min() / network.n:.4g}) must be blind to hold one and all its neighbours",
+        )
+    centre = rng.choice(np.flatnonzero(sizes <= count))
+    core = np.flatnonzero(network.adjacency[centre] | (np.arange(network.n) == centre))
+    free = np.flatnonzero(~network.adjacency[core].any(axis=0))
+    free = free[~np.isin(free, core)]
+    others = _independent(network.adjacency[np.ix_(free, free)], count - len(core), rng)
+    if others is not None:
+        return np.concatenate([core, free[others]])
+    rest = np.setdiff1d(np.arange(network.n), core)
+    return np.concatenate([core, rng.permutation(rest)[: count - len(core)]])
+
+
+def _independent(adjacency: BoolArray, count: int, rng: np.random.Generator) -> IntArray | None:
+    """``count`` nodes of which no two are adjacent, or None where there are not so many.
+
+    The first of a random order, so that the sets of one seed are nested, as far as a greedy
+    choice in that order gets; beyond, a set of the right size with the largest random weight.
+    """
+    n = len(adjacency)
+    if count > n:
+        return None
+    greedy = _greedy_independent(adjacency, rng.permutation(n))
+    if count <= len(greedy):
+        return greedy[:count]
+    found = _solve_independent(adjacency, rng.random(n), count)
+    return found if len(found) == count else None
+
+
+def _greedy_independent(adjacency: BoolArray, order: IntArray) -> IntArray:
+    """The nodes of ``order`` that are not adjacent to an earlier one that was taken."""
+    taken: list[int] = []
+    for node in order:
+        if not adjacency[node, taken].any():
+            taken.append(int(node))
+    return np.array(taken, dtype=np.int64)
+
+
+def _solve_independent(adjacency: BoolArray, weights: FloatArray, count: int | None) -> IntArray:
+    """The heaviest set without adjacent nodes, of ``count`` nodes if given; empty if there is none.
+
+    An integer program over x in {0, 1}^n: maximise weights . x, x_i + x_j <= 1 on each edge.
+    """
+    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.sparse import coo_array
+
+    n = len(adjacency)
+    edges = np.argwhere(np.triu(adjacency))
+    rows = np.repeat(np.arange(len(edges)), 2)
+    shape = (len(edges), n)
+    incidence = coo_array((np.ones(edges.size), (rows, edges.ravel())), shape=shape)
+    constraints = [LinearConstraint(incidence, -np.inf, 1)]
+    if count is not None:
+        constraints.append(LinearConstraint(np.ones((1, n)), count, count))
+    solution = milp(
+        -weights,
+        integrality=np.ones(n),
+        bounds=Bounds(0, 1),
+        constraints=constraints,
+        options={"mip_rel_gap": 0.0},
+    )
+    if solution.x is None:
+        return np.zeros(0, dtype=np.int64)
+    return np.flatnonzero(solution.x > 0.5)

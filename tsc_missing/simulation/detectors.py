@@ -1,0 +1,86 @@
+"""Detectors on the entrance lanes, and on the exit lanes that lead out of the network."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsc_missing.config import SensorSettings
+from tsc_missing.network.model import IntArray, Network
+from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.sensing.observation import N_FEATURES, QUEUE, VEHICLES, Measurement
+
+HALTING_SPEED = 0.1  # [m/s]; slower vehicles are queueing
+VEHICLE_NUMBER = 0x10  # TraCI's variable: vehicles on the lane or detector
+HALTING_NUMBER = 0x14  # TraCI's variable: those of them slower than 0.1 m/s
+
+
+def write_area_detectors(network: Network, length: float, target: Path) -> None:
+    """SUMO lane-area detectors: the last ``length`` m of entrance lanes, the first of exit lanes."""
+    lines = []
+    for lane in network.entrance_lanes:
+        whole = network.record.lanes[lane].length
+        lines.append(_area(lane, max(whole - length, 0.0), whole))
+    for lane in _boundary(network):
+        lines.append(_area(lane, 0.0, min(length, network.record.lanes[lane].length)))
+    target.write_text("\n".join(["<additional>", *lines, "</additional>", ""]), encoding="utf-8")
+
+
+def _area(lane: str, start: float, end: float) -> str:
+    return (
+        f'<laneAreaDetector id="{lane}" lane="{lane}" pos="{start:.2f}" endPos="{end:.2f}" '
+        f'file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" timeThreshold="0"/>'
+    )
+
+
+def _boundary(network: Network) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(lane for lanes in network.boundary_lanes for lane in lanes))
+
+
+class Detectors:
+    """Reads all detectors at once; every lane is subscribed to when this is made."""
+
+    def __init__(self, network: Network, sensor: SensorSettings, api: Any) -> None:
+        """``api`` is a running simulation's; for ``area`` it must have loaded the detectors."""
+        self._network = network
+        self._domain = api.lane if sensor.kind == "lane" else api.lanearea
+        self._lanes = (*network.entrance_lanes, *_boundary(network))
+        for lane in self._lanes:
+            self._domain.subscribe(lane, [VEHICLE_NUMBER, HALTING_NUMBER])
+        self._lane, self._slot, self._weight = network.lane_slots
+        self._exit_lane, self._exit_slot = self._exit_table()
+
+    def _exit_table(self) -> tuple[IntArray, IntArray]:
+        position = {lane: k for k, lane in enumerate(self._lanes)}
+        pairs = [
+            (position[lane], n * N_SLOTS + slot)
+            for n, slots in enumerate(self._network.exit_lanes)
+            for slot, lanes in enumerate(slots)
+            for lane in lanes
+            if lane in self._network.boundary_lanes[n]
+        ]
+        table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
+
+    def read(self) -> Measurement:
+        """The truth now, for all intersections and slots."""
+        results = self._domain.getAllSubscriptionResults()
+        counts = np.array(
+            [
+                (results[lane][VEHICLE_NUMBER], results[lane][HALTING_NUMBER])
+                for lane in self._lanes
+            ],
+            dtype=float,
+        )
+        n = self._network.n
+        values = np.zeros((n * N_SLOTS, N_FEATURES))
+        for feature in (VEHICLES, QUEUE):
+            values[:, feature] = np.bincount(
+                self._slot, self._weight * counts[self._lane, feature], minlength=n * N_SLOTS
+            )
+        exits = np.bincount(
+            self._exit_slot, counts[self._exit_lane, VEHICLES], minlength=n * N_SLOTS
+        )
+        return Measurement(
+            values.reshape(n, N_SLOTS, N_FEATURES), exits.reshape(n, N_SLOTS).astype(float)
+        )

@@ -1,0 +1,148 @@
+"""The SUMO process: libsumo inside this process, or sumo and sumo-gui over TraCI."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+from tsc_missing.errors import UserError
+
+EngineName = Literal["libsumo", "traci", "gui"]
+
+OPTIONS = (
+    "--step-length=1",
+    "--time-to-teleport=-1",
+    "--collision.action=warn",
+    "--no-step-log",
+    "--no-warnings",
+    "--duration-log.disable",
+    "--xml-validation=never",
+    "--xml-validation.net=never",
+)
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The files of a simulation."""
+
+    net: Path
+    routes: Path
+    additional: tuple[Path, ...] = ()
+
+
+class SimulationError(RuntimeError):
+    """SUMO refused its input or stopped; the text is SUMO's own."""
+
+
+class Simulation:
+    """One SUMO simulation, from time 0, as a context manager.
+
+    libsumo holds one simulation a process; a second one raises instead of silently replacing the
+    first. ``api`` is libsumo's or TraCI's module-like interface.
+    """
+
+    _running: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        inputs: Inputs,
+        outputs: Sequence[str] = (),
+        engine: EngineName = "libsumo",
+        seed: int = 0,
+    ) -> None:
+        """``outputs`` are further SUMO options, as ``--tripinfo-output=FILE``."""
+        self._inputs = inputs
+        self._engine: EngineName = engine
+        self._log = inputs.routes.with_name("sumo-errors.log")
+        self._options = [
+            f"--net-file={inputs.net}",
+            f"--route-files={inputs.routes}",
+            f"--error-log={self._log}",
+            f"--seed={seed}",
+            *OPTIONS,
+            *outputs,
+        ]
+        if inputs.additional:
+            self._options.append(f"--additional-files={','.join(map(str, inputs.additional))}")
+        self.api: Any = None
+
+    def __enter__(self) -> Self:
+        if Simulation._running:
+            raise SimulationError(
+                "a simulation is already running in this process; close it first, or use another "
+                "process (libsumo holds one simulation a process)"
+            )
+        try:
+            with _quiet_stderr():
+                self.api = self._start()
+        except Exception as error:
+            raise SimulationError(self._reason(error)) from error
+        Simulation._running = True
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        Simulation._running = False
+        with _quiet_stderr():
+            self.api.close()
+
+    def _start(self) -> Any:
+        if self._engine == "libsumo":
+            import libsumo
+
+            libsumo.start(["sumo", *self._options])
+            return libsumo
+        return _start_traci(self._engine, self._options)
+
+    def advance(self, until: float) -> None:
+        """Simulate up to time ``until`` [s]."""
+        try:
+            self.api.simulationStep(float(until))
+        except Exception as error:
+            raise SimulationError(self._reason(error)) from error
+
+    def _reason(self, error: Exception) -> str:
+        text = ""
+        with contextlib.suppress(OSError):
+            text = self._log.read_text(encoding="utf-8", errors="replace")
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        wanted = [line for line in lines if not line.startswith("Quitting")]
+        return f"SUMO: {' '.join(wanted[:3]) or error}"
+
+
+def _start_traci(engine: EngineName, options: Sequence[str]) -> Any:
+    from tsc_missing.network.netconvert import sumo_tool
+
+    try:
+        import traci
+    except ImportError:
+        raise UserError(
+            "gui", "true", "traci is not installed: pip install 'tsc-missing[sumo]' brings it"
+        ) from None
+    program = sumo_tool("sumo-gui" if engine == "gui" else "sumo")
+    extra = ["--start", "--quit-on-end"] if engine == "gui" else []
+    traci.start([program, *options, *extra], label="tsc-missing", stdout=sys.stderr)
+    return traci.getConnection("tsc-missing")
+
+
+@contextlib.contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Keep what SUMO itself writes to the error stream off the terminal; it is in the error log."""
+    sys.stderr.flush()
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)

@@ -1,0 +1,46 @@
+"""SUMO's own actuated signals as programs over the same phases: references for comparison."""
+
+from xml.sax.saxutils import quoteattr
+
+from tsc_missing.config import SignalSettings
+from tsc_missing.network.model import Network
+from tsc_missing.network.records import IntersectionRecord
+from tsc_missing.simulation.states import green_state, red_state, yellow_state
+
+KINDS = ("actuated", "delay_based")
+PROGRAM_ID = "tsc-native"
+MAX_GREEN = 50  # [s], netconvert's default for programs that respond to traffic
+
+
+def native_program_xml(network: Network, kind: str, signals: SignalSettings) -> str:
+    """SUMO's ``tlLogic`` elements, one an intersection, for an additional file.
+
+    ``kind`` is one of ``KINDS``: ``actuated`` prolongs a green while the gaps between vehicles
+    are short, ``delay_based`` while vehicles within 100 m (SUMO's default) have lost time; each
+    green lasts between the minimum green and 50 s. Phases follow one another in table order.
+    """
+    return "\n".join(_logic(node, kind, signals) for node in network.intersections)
+
+
+def _logic(node: IntersectionRecord, kind: str, signals: SignalSettings) -> str:
+    lines = [f'<tlLogic id={quoteattr(node.id)} type="{kind}" programID="{PROGRAM_ID}" offset="0">']
+    greens = [green_state(node, phase) for phase in range(len(node.phases))]
+    longest = max(MAX_GREEN, signals.min_green)
+    for before, after in zip(greens, [*greens[1:], greens[0]], strict=True):
+        lines.append(
+            f'  <phase duration="{signals.min_green}" minDur="{signals.min_green}" '
+            f'maxDur="{longest}" state="{before}"/>'
+        )
+        lines += _change(before, after, signals)
+    return "\n".join([*lines, "</tlLogic>"])
+
+
+def _change(before: str, after: str, signals: SignalSettings) -> list[str]:
+    """The yellow and all-red between two greens; nothing if no link turns red."""
+    yellow = yellow_state(before, after)
+    if "y" not in yellow:
+        return []
+    states = [(signals.yellow, yellow)]
+    if signals.all_red:
+        states.append((signals.all_red, red_state(before, after)))
+    return [f'  <phase duration="{seconds}" state="{state}"/>' for seconds, state in states]

@@ -1,0 +1,134 @@
+"""SUMO's own outputs: one record a trip, vehicle-seconds a lane, and the totals of the run."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from tsc_missing.network.model import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class OutputFiles:
+    """Where SUMO writes; ``folder`` is made by the caller."""
+
+    folder: Path
+
+    @property
+    def trips(self) -> Path:
+        """SUMO's tripinfo output."""
+        return self.folder / "tripinfo.xml"
+
+    @property
+    def statistics(self) -> Path:
+        """SUMO's statistic output."""
+        return self.folder / "statistics.xml"
+
+    @property
+    def lanes(self) -> Path:
+        """SUMO's lane-based mean data over the whole run."""
+        return self.folder / "lanes.xml"
+
+    def options(self) -> tuple[str, ...]:
+        """The SUMO options that ask for them."""
+        return (
+            f"--tripinfo-output={self.trips}",
+            "--tripinfo-output.write-unfinished",
+            "--tripinfo-output.write-undeparted",
+            f"--statistic-output={self.statistics}",
+        )
+
+    def write_lane_request(self, target: Path) -> None:
+        """Write the additional file that asks for the lane data."""
+        target.write_text(
+            f'<additional><laneData id="lanes" file="{self.lanes}" excludeEmpty="true" '
+            'withInternal="false"/></additional>\n',
+            encoding="utf-8",
+        )
+
+
+@dataclass(frozen=True)
+class TripTimes:
+    """Times of M trips, in the order of the demand; NaN where a trip did not get so far."""
+
+    scheduled: FloatArray  # [s]
+    depart: FloatArray  # [s]
+    arrival: FloatArray  # [s]
+    time_loss: FloatArray  # [s]
+    waiting_time: FloatArray  # [s] below 0.1 m/s
+    route_length: FloatArray  # [m] driven
+
+    @property
+    def inserted(self) -> BoolArray:
+        """Whether the vehicle entered the network."""
+        return np.isfinite(self.depart)
+
+    @property
+    def finished(self) -> BoolArray:
+        """Whether it arrived."""
+        return np.isfinite(self.arrival)
+
+    def travel_time(self, horizon: float) -> FloatArray:
+        """(arrival, or the horizon) minus the scheduled departure [s]."""
+        return np.where(self.finished, self.arrival, horizon) - self.scheduled
+
+    def depart_delay(self, horizon: float) -> FloatArray:
+        """(departure, or the horizon) minus the scheduled departure [s]."""
+        return np.where(self.inserted, self.depart, horizon) - self.scheduled
+
+
+COLUMNS = ("depart", "arrival", "timeLoss", "waitingTime", "routeLength")
+
+
+def read_trips(path: Path, scheduled: FloatArray) -> TripTimes:
+    """The trips of a tripinfo file whose vehicles are named by their position in the demand."""
+    table = np.full((len(scheduled), len(COLUMNS)), np.nan)
+    for _, element in ElementTree.iterparse(path):
+        if element.tag == "tripinfo" and float(element.get("depart", "-1")) >= 0:
+            table[int(element.get("id", "-1"))] = [float(element.get(c, "nan")) for c in COLUMNS]
+            element.clear()
+    depart, arrival, time_loss, waiting_time, route_length = table.T
+    arrival = np.where(arrival >= 0, arrival, np.nan)
+    return TripTimes(scheduled, depart, arrival, time_loss, waiting_time, route_length)
+
+
+def lane_seconds(path: Path, lanes: Iterable[str]) -> float:
+    """Vehicle-seconds spent on the given lanes over the run."""
+    wanted = set(lanes)
+    return sum(
+        float(element.get("sampledSeconds", "0"))
+        for _, element in ElementTree.iterparse(path)
+        if element.tag == "lane" and element.get("id") in wanted
+    )
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What SUMO itself counted over the run."""
+
+    teleports: int
+    collisions: int
+    emergency_brakings: int
+    vehicles: int  # inserted
+    travel_time: float  # [s] from insertion on, summed over inserted vehicles
+    depart_delay: float  # [s] summed over inserted vehicles
+
+
+def read_totals(path: Path) -> Totals:
+    """The totals of a statistics file."""
+    root = ElementTree.parse(path).getroot()
+
+    def value(tag: str, name: str) -> float:
+        element = root.find(tag)
+        return float(element.get(name, "0")) if element is not None else 0.0
+
+    return Totals(
+        teleports=int(value("teleports", "total")),
+        collisions=int(value("safety", "collisions")),
+        emergency_brakings=int(value("safety", "emergencyBraking")),
+        vehicles=int(value("vehicleTripStatistics", "count")),
+        travel_time=value("vehicleTripStatistics", "totalTravelTime"),
+        depart_delay=value("vehicleTripStatistics", "totalDepartDelay"),
+    )

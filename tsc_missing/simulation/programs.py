@@ -1,0 +1,40 @@
+"""Signal programs that SUMO runs itself, with full information: references for comparison."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsc_missing.config import SignalSettings
+from tsc_missing.network.model import IntArray, Network
+from tsc_missing.simulation.native import PROGRAM_ID, native_program_xml
+from tsc_missing.simulation.states import green_state
+
+
+@dataclass(frozen=True)
+class NativeProgram:
+    """One of SUMO's own signal programs (``native.KINDS``) at every intersection."""
+
+    kind: str
+    network: Network
+
+    def write(self, signals: SignalSettings, target: Path) -> None:
+        """Write the additional file that defines the programs."""
+        body = native_program_xml(self.network, self.kind, signals)
+        target.write_text(f"<additional>\n{body}\n</additional>\n", encoding="utf-8")
+
+    def start(self, api: Any) -> None:
+        """Switch every signal to its program."""
+        for name in self.network.ids:
+            api.trafficlight.setProgram(name, PROGRAM_ID)
+
+    def phases(self, api: Any) -> IntArray:
+        """(N,): the phase that is green now, -1 between two."""
+        return np.array([self._phase(n, api) for n in range(self.network.n)], dtype=np.int64)
+
+    def _phase(self, n: int, api: Any) -> int:
+        node = self.network.intersections[n]
+        shown = api.trafficlight.getRedYellowGreenState(node.id)
+        states = [green_state(node, phase) for phase in range(len(node.phases))]
+        return states.index(shown) if shown in states else -1

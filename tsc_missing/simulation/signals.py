@@ -1,0 +1,144 @@
+"""From chosen phases to signal states: yellow, clearing, minimum green, and a guard on all of it.
+
+``Signals`` plans the states; ``SignalGuard`` knows nothing of the plan and checks every state
+that is sent, so that a fault in the plan stops the run before SUMO sees it.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tsc_missing.config import SignalSettings
+from tsc_missing.network.model import IntArray, Network
+from tsc_missing.simulation.states import (
+    GREEN,
+    SignalSafetyError,
+    check_state,
+    green_state,
+    red_state,
+    yellow_state,
+)
+
+Send = Callable[[str, str], None]  # (traffic light id, state)
+
+
+class SignalGuard:
+    """Passes states on to the simulator after checking them against the rules of safety."""
+
+    def __init__(self, network: Network, settings: SignalSettings, send: Send) -> None:
+        """Nothing has been sent yet; every link counts as red since long."""
+        self._network = network
+        self._settings = settings
+        self._send = send
+        self._legal: list[set[str]] = [set() for _ in network.intersections]
+        self._states = ["r" * len(node.links) for node in network.intersections]
+        self._since = [[-np.inf] * len(node.links) for node in network.intersections]
+
+    def send(self, n: int, state: str, time: float) -> None:
+        """Send a state at ``time`` [s]; raises ``SignalSafetyError`` and sends nothing if unsafe."""
+        node = self._network.intersections[n]
+        if state not in self._legal[n]:
+            check_state(node, state)
+            self._legal[n].add(state)
+        before, since = self._states[n], self._since[n]
+        for link, (old, new) in enumerate(zip(before, state, strict=True)):
+            self._check_change(f"{node.id} link {link}", old, new, time - since[link])
+        for link, (old, new) in enumerate(zip(before, state, strict=True)):
+            if _colour(old) != _colour(new):
+                since[link] = time
+        self._states[n] = state
+        self._send(node.id, state)
+
+    def _check_change(self, link: str, old: str, new: str, lasted: float) -> None:
+        change = _colour(old) + _colour(new)
+        if change == "gr":
+            raise SignalSafetyError(f"{link}: from green to red without yellow")
+        if change == "gy" and lasted < self._settings.min_green:
+            raise SignalSafetyError(
+                f"{link}: green ends after {lasted:g} s, before {self._settings.min_green} s"
+            )
+        if change == "yr" and lasted < self._settings.yellow:
+            raise SignalSafetyError(
+                f"{link}: yellow ends after {lasted:g} s, before {self._settings.yellow} s"
+            )
+        if change == "ry":
+            raise SignalSafetyError(f"{link}: from red to yellow")
+        if change == "yg":
+            raise SignalSafetyError(f"{link}: from yellow back to green")
+
+
+def _colour(letter: str) -> str:
+    return "g" if letter in GREEN else letter
+
+
+class Signals:
+    """The signals of a network: what they show, and how they get from phase to phase.
+
+    In a decision step ``command`` is called at its start, ``clear`` after the yellow and
+    ``release`` after the all-red time; a phase that does not change stays green throughout.
+    """
+
+    def __init__(self, network: Network, settings: SignalSettings, send: Send) -> None:
+        """All links red but those that are free in every phase."""
+        self._network = network
+        self._settings = settings
+        self._guard = SignalGuard(network, settings, send)
+        self.phase: IntArray = np.full(network.n, -1, dtype=np.int64)
+        self._shown = [green_state(node, None) for node in network.intersections]
+        self._changing: list[int] = []
+        self._targets = list(self._shown)
+        self._greens = [
+            [green_state(node, phase) for phase in range(len(node.phases))]
+            for node in network.intersections
+        ]
+        self._green_since = np.full(network.n, -np.inf)
+        self.red_steps: IntArray = np.where(network.free_slots, 0, 1).astype(np.int64)
+        self.held = 0
+        for n, state in enumerate(self._shown):
+            self._guard.send(n, state, 0.0)
+
+    def command(self, phases: IntArray, now: float) -> bool:
+        """Start the step at ``now`` [s] towards ``phases`` (N,); true if any signal turns yellow.
+
+        A phase whose minimum green is not over stays, whatever was asked (counted in ``held``).
+        """
+        held = (phases != self.phase) & (now - self._green_since < self._settings.min_green)
+        self.held += int(held.sum())
+        phases = np.where(held, self.phase, phases)
+        changed = [int(n) for n in np.flatnonzero(phases != self.phase)]
+        self._changing = []
+        for n in changed:
+            target = self._greens[n][phases[n]]
+            between = yellow_state(self._shown[n], target)
+            self._targets[n] = target
+            if "y" in between:
+                self._changing.append(n)
+                self._guard.send(n, between, now)
+                clearing = self._settings.yellow + self._settings.all_red
+                self._green_since[n] = now + clearing
+            else:
+                self._show(n, now)
+                self._green_since[n] = now
+        self.phase = phases.astype(np.int64)
+        self._count_red()
+        return bool(self._changing)
+
+    def clear(self, now: float) -> None:
+        """The yellow is over: all-red at the intersections that change."""
+        for n in self._changing:
+            self._guard.send(n, red_state(self._shown[n], self._targets[n]), now)
+
+    def release(self, now: float) -> None:
+        """The clearing is over: green for the new phases."""
+        for n in self._changing:
+            self._show(n, now)
+        self._changing = []
+
+    def _show(self, n: int, now: float) -> None:
+        self._shown[n] = self._targets[n]
+        self._guard.send(n, self._shown[n], now)
+
+    def _count_red(self) -> None:
+        served = self._network.phases[np.arange(self._network.n), self.phase]
+        green = served | self._network.free_slots
+        self.red_steps = np.where(green, 0, self.red_steps + 1)
