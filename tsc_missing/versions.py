@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def git_revision() -> str | None:
-    """The checkout's commit, with ``-dirty`` where files differ from it; None outside a checkout."""
+    """The checkout's commit, ``-dirty`` where files differ from it; None outside a checkout."""
     root = PACKAGE.parent
     if not (root / ".git").exists() or shutil.which("git") is None:
         return None

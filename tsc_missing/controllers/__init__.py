@@ -1,0 +1,1 @@
+"""Controllers: an observation in, a phase for every intersection out."""

@@ -1,0 +1,1 @@
+"""Demand: recorded flows and drawn profiles as trips, and SUMO route files."""

@@ -37,7 +37,8 @@ def read_flow(path: Path, network: PlainNetwork, horizon: float) -> Demand:
         (move.from_road, move.to_road) for node in network.nodes.values() for move in node.movements
     }
     trips = []
-    for number, flow in enumerate(parse(_ADAPTER, read_json(path, FIELD), FIELD, path)):
+    flows: list[_Flow] = parse(_ADAPTER, read_json(path, FIELD), FIELD, path)
+    for number, flow in enumerate(flows):
         unknown = next((road for road in flow.route if road not in network.roads), None)
         if unknown is not None:
             raise UserError(FIELD, path, f"entry {number}: unknown road {unknown}")

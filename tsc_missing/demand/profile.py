@@ -5,7 +5,7 @@ how large a share of the traffic turns left, goes straight and turns right. A dr
 from its entry road on by those shares until it leaves the network.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self

@@ -1,0 +1,1 @@
+"""Runs: scenarios, the closed loop, result fields, run folders."""

@@ -15,8 +15,8 @@ from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import N_FEATURES, apply_mask
 from tsc_missing.simulation.detectors import Detectors, write_area_detectors
 from tsc_missing.simulation.engine import EngineName, Inputs, Simulation
-from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.simulation.outputs import OutputFiles
+from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.simulation.signals import Signals
 
 
@@ -77,7 +77,7 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     return ControlContext(
         network=scene.network,
         turning_flows=turning_flows(scene.demand.trips, scene.network, settings.horizon),
-        sensors=scene.mask.any(axis=0),
+        sensors=np.any(scene.mask, axis=0),
         decision_interval=signals.decision_interval,
         lost_time=signals.yellow + signals.all_red,
         seed=int(stream(settings.seed, "controller").integers(2**31)),

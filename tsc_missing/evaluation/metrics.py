@@ -61,19 +61,19 @@ def summarise(
     trips = read_trips(files.trips, scheduled)
     totals = read_totals(files.statistics)
     on_approach = lane_seconds(files.lanes, scene.network.entrance_lanes)
-    result = Result(
+    fields: dict[str, object] = {
         **_travel_times(trips, on_approach, horizon),
         **_counts(trips, totals, horizon),
-        mean_queue=float(trace.truth[:, :, :, QUEUE].sum(axis=(1, 2)).mean()),
-        missing_share=missing_share(scene, trace),
-        imputation_mae=imputation_error(scene, trace, trace.estimate),
-        fallbacks=fallbacks,
-        held_greens=trace.held,
-        wall_s=trace.wall_seconds,
-        sim_s_per_wall_s=horizon / trace.wall_seconds,
         **_decision_times(trace),
-    )
-    return result, trips
+        "mean_queue": float(trace.truth[:, :, :, QUEUE].sum(axis=(1, 2)).mean()),
+        "missing_share": missing_share(scene, trace),
+        "imputation_mae": imputation_error(scene, trace, trace.estimate),
+        "fallbacks": fallbacks,
+        "held_greens": trace.held,
+        "wall_s": trace.wall_seconds,
+        "sim_s_per_wall_s": horizon / trace.wall_seconds,
+    }
+    return Result.model_validate(fields), trips
 
 
 def _mean(values: FloatArray) -> float | None:

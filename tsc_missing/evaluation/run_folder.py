@@ -32,7 +32,7 @@ def write_mask(folder: Path, scene: Scene) -> None:
 
 
 def write_trips(folder: Path, scene: Scene, trips: TripTimes, horizon: float) -> None:
-    """Write a row a vehicle, in the order of the demand; times in seconds, null where not reached."""
+    """Write a row a vehicle, in the order of the demand; times in s, null where not reached."""
     status = np.where(trips.finished, 2, np.where(trips.inserted, 1, 0))
     names = pa.array(["waiting", "running", "finished"])
     table = pa.table(

@@ -1,0 +1,1 @@
+"""Imputers: stages that fill the holes of observations."""

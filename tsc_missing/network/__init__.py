@@ -1,0 +1,1 @@
+"""Networks: from road descriptions to one array view of intersections."""

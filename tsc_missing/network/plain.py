@@ -19,7 +19,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class Road:
-    """A one-way road. ``lanes[0]`` is the rightmost lane, as in SUMO; ``shape`` runs node to node."""
+    """A one-way road. ``lanes[0]`` is the rightmost, as in SUMO; ``shape`` runs node to node."""
 
     id: str
     start: str
@@ -48,7 +48,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Node:
-    """A junction. Without phases it has no signal; ``stop_distance`` is from centre to stop line."""
+    """A junction, without signals if it has no phases."""
 
     id: str
     x: float
@@ -56,7 +56,7 @@ class Node:
     movements: tuple[Movement, ...] = ()
     phases: tuple[Phase, ...] = ()
     free: tuple[int, ...] = ()  # movements that are green in every phase
-    stop_distance: float | None = None  # [m]; None leaves it to netconvert
+    stop_distance: float | None = None  # [m] centre to stop line; None: netconvert's
 
     @property
     def signalised(self) -> bool:

@@ -38,6 +38,10 @@ def _deviation(degrees: float, approach: int) -> float:
     return min(difference, 360.0 - difference)
 
 
+def _nearest_approach(degrees: float) -> int:
+    return min(range(len(APPROACHES)), key=lambda approach: _deviation(degrees, approach))
+
+
 def assign_approaches(bearings: Sequence[float]) -> list[int]:
     """An approach (0 to 3) for each incoming road, given the bearing [degrees] it comes from.
 
@@ -45,7 +49,7 @@ def assign_approaches(bearings: Sequence[float]) -> list[int]:
     compass directions; where there are more, each takes the nearest approach and some share one.
     """
     if len(bearings) > len(APPROACHES):
-        return [min(range(4), key=lambda a, b=b: (_deviation(b, a), a)) for b in bearings]
+        return [_nearest_approach(degrees) for degrees in bearings]
     best = min(
         itertools.permutations(range(len(APPROACHES)), len(bearings)),
         key=lambda p: sum(_deviation(b, a) ** 2 for b, a in zip(bearings, p, strict=True)),

@@ -1,0 +1,1 @@
+"""Sensors: which of them report, and what an observation is."""

@@ -23,7 +23,8 @@ class Measurement:
     @property
     def reward(self) -> FloatArray:
         """(N,): minus the vehicles queueing on the entrance lanes."""
-        return -self.values[:, :, QUEUE].sum(axis=1)
+        queue: FloatArray = self.values[:, :, QUEUE]
+        return -queue.sum(axis=1)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The simulator: process, detectors, signals and outputs."""

@@ -16,7 +16,7 @@ HALTING_NUMBER = 0x14  # TraCI's variable: those of them slower than 0.1 m/s
 
 
 def write_area_detectors(network: Network, length: float, target: Path) -> None:
-    """SUMO lane-area detectors: the last ``length`` m of entrance lanes, the first of exit lanes."""
+    """Write lane-area detectors: the last ``length`` m of entrance lanes, the first of exits."""
     lines = []
     for lane in network.entrance_lanes:
         whole = network.record.lanes[lane].length

@@ -35,7 +35,7 @@ class SignalGuard:
         self._since = [[-np.inf] * len(node.links) for node in network.intersections]
 
     def send(self, n: int, state: str, time: float) -> None:
-        """Send a state at ``time`` [s]; raises ``SignalSafetyError`` and sends nothing if unsafe."""
+        """Send a state at ``time`` [s]; ``SignalSafetyError`` and nothing sent if it is unsafe."""
         node = self._network.intersections[n]
         if state not in self._legal[n]:
             check_state(node, state)
