@@ -218,3 +218,8 @@ def test_mixed_has_all_three_kinds():
     whole = ~seen.any(axis=2)
     assert np.mean(whole) == pytest.approx(1 - math.sqrt(0.5 / (1 - 2 / 12)), abs=0.03)
     assert np.mean(~seen[~whole]) == pytest.approx(1 - math.sqrt(0.5 / (1 - 2 / 12)), abs=0.03)
+
+
+def test_a_single_intersection_can_be_blind():
+    single = grid_network(1, 1)
+    assert blind(1.0, single) == blind(1.0, single, adjacent=True) == {0}

@@ -10,6 +10,11 @@ VEHICLES, QUEUE = range(2)  # the features F: vehicles on the lanes; those slowe
 N_FEATURES = 2
 
 
+def reward_of(values: FloatArray) -> FloatArray:
+    """(N,): minus the vehicles queueing on the entrance lanes, from values (N, 12, F)."""
+    return np.asarray(-values[:, :, QUEUE].sum(axis=1))
+
+
 @dataclass(frozen=True)
 class Measurement:
     """The truth at a decision time, over N intersections; never handed to a controller.
@@ -22,9 +27,8 @@ class Measurement:
 
     @property
     def reward(self) -> FloatArray:
-        """(N,): minus the vehicles queueing on the entrance lanes."""
-        queue: FloatArray = self.values[:, :, QUEUE]
-        return -queue.sum(axis=1)
+        """(N,): see ``reward_of``."""
+        return reward_of(self.values)
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Observation:
 
     def filled(self, values: FloatArray, exits: FloatArray) -> "Observation":
         """The same observation with other values; the mask still tells what was reported."""
-        return replace(self, values=values, exits=exits, reward=-values[:, :, QUEUE].sum(axis=1))
+        return replace(self, values=values, exits=exits, reward=reward_of(values))
 
 
 def apply_mask(

@@ -176,14 +176,14 @@ def _surrounded_set(
             f"{sizes.min() / network.n:.4g}) must be blind to hold one and all its neighbours",
         )
     centre = rng.choice(np.flatnonzero(sizes <= count))
-    core = np.flatnonzero(network.adjacency[centre] | (np.arange(network.n) == centre))
-    free = np.flatnonzero(~network.adjacency[core].any(axis=0))
-    free = free[~np.isin(free, core)]
+    ring = network.adjacency[centre] | (np.arange(network.n) == centre)
+    core = np.flatnonzero(ring)
+    free = np.flatnonzero(~(ring | network.adjacency[core].any(axis=0)))
     others = _independent(network.adjacency[np.ix_(free, free)], count - len(core), rng)
     if others is not None:
         return np.concatenate([core, free[others]])
-    rest = np.setdiff1d(np.arange(network.n), core)
-    return np.concatenate([core, rng.permutation(rest)[: count - len(core)]])
+    rest = rng.permutation(np.flatnonzero(~ring))
+    return np.concatenate([core, rest[: count - len(core)]])
 
 
 def _independent(adjacency: BoolArray, count: int, rng: np.random.Generator) -> IntArray | None:

@@ -1,0 +1,5 @@
+"""DiffLight: one conditional diffusion model that fills in what sensors miss and decides.
+
+Pure torch on arrays; knows no simulator. Shapes throughout: B windows (N intersections when
+deciding), T = C + H trajectory steps, L = 12 slots, F = 2 features, P phases.
+"""

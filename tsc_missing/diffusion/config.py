@@ -1,0 +1,58 @@
+"""Every setting of the diffusion controller, with its unit and default."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from tsc_missing.config import Settings
+
+Precision = Literal["float32", "bfloat16"]
+
+
+class ScalingSettings(Settings):
+    """Fixed scales that bring measurements to the size of the noise."""
+
+    vehicles: float = Field(10.0, gt=0)  # [vehicles] that count as 1
+    queue: float = Field(10.0, gt=0)  # [vehicles] that count as 1
+    clip: float = Field(8.0, gt=0)  # scaled values end here
+    reward: float = Field(100.0, gt=0)  # [vehicles] queueing at an intersection: reward 0, the worst
+    red_steps: float = Field(20.0, gt=0)  # [decision steps] without green that count as 1, the most
+
+
+class DiffLightConfig(Settings):
+    """The diffusion controller, as trained: what a weights file must agree with."""
+
+    history: int = Field(5, ge=1)  # C, observed steps
+    horizon: int = Field(3, ge=1)  # H, planned steps
+    diffusion_steps: int = Field(100, ge=1)  # K
+    guidance: float = Field(1.2, ge=0)  # ω
+    target_reward: float = 1.0  # asked for at t+1 … t+H; 1 is the best there is
+    reward_dropout: float = Field(0.25, ge=0, le=1)  # p
+    predict: Literal["x0", "noise"] = "x0"
+    scaling: ScalingSettings = ScalingSettings()
+
+    width: int = Field(64, ge=8)  # D
+    heads: int = Field(4, ge=1)
+    layers: int = Field(1, ge=1)  # L, encoder layers
+    hidden: int = Field(128, ge=8)  # of the MLP of an encoder layer
+    inverse_width: int = Field(64, ge=8)  # of the inverse dynamics
+
+    known_flag: bool = True  # whether a cell is known is an input
+    own_signals: bool = True  # green, and steps since the last green, are inputs
+    slot_identity: bool = True  # every slot has an embedding of its own
+
+    noise_model: Literal["stformer", "unet"] = "stformer"
+    padded_rewards: bool = False  # ablation: zeros for missing rewards, no PRCD
+    dcm: bool = True
+    neighbours: bool = True
+    inverse_dynamics: bool = True  # ablation: else observations and actions are diffused together
+
+    @property
+    def steps(self) -> int:
+        """T = C + H, the steps of a trajectory."""
+        return self.history + self.horizon
+
+    @classmethod
+    def as_published(cls) -> "DiffLightConfig":
+        """The method as its paper has it, without what was added here."""
+        return cls(predict="noise", known_flag=False, own_signals=False, slot_identity=False)
