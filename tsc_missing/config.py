@@ -27,7 +27,10 @@ class VehicleType(Settings):
     sigma: float = Field(0.0, ge=0, le=1)  # driver imperfection
     speed_deviation: float = Field(0.0, ge=0)
     startup_delay: float = Field(0.0, ge=0)  # [s] from green to moving, for each vehicle
-    lc_keep_right: float = Field(1.0, ge=0)
+    lc_keep_right: float = Field(0.0, ge=0)
+    lc_cooperative: float = 1.0
+    lc_strategic: float = 1.0
+    lc_speed_gain: float = 1.0
     depart_lane: str = "best"
     depart_speed: str = "max"
     depart_pos: str = "base"
@@ -39,7 +42,8 @@ class VehicleType(Settings):
             f'accel="{self.accel:g}" decel="{self.decel:g}" maxSpeed="{self.max_speed:g}" '
             f'tau="{self.tau:g}" sigma="{self.sigma:g}" speedFactor="1" '
             f'speedDev="{self.speed_deviation:g}" startupDelay="{self.startup_delay:g}" '
-            f'lcKeepRight="{self.lc_keep_right:g}"/>'
+            f'lcKeepRight="{self.lc_keep_right:g}" lcCooperative="{self.lc_cooperative:g}" '
+            f'lcStrategic="{self.lc_strategic:g}" lcSpeedGain="{self.lc_speed_gain:g}"/>'
         )
 
 
@@ -50,6 +54,14 @@ class MissingSettings(Settings):
     rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
     mean_outage: float = Field(8.0, ge=1, allow_inf_nan=False)  # [decision steps], burst and mixed
+
+    @model_validator(mode="after")
+    def _means_something(self) -> Self:
+        if self.adjacent and self.pattern != "kriging":
+            raise ValueError("adjacent goes with the pattern kriging only")
+        if self.rate > 0 and self.pattern == "none":
+            raise ValueError("a rate above 0 needs a pattern of missing data")
+        return self
 
 
 class SignalSettings(Settings):

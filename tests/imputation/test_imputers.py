@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.networks import context_for, grid_network, tee_network
@@ -19,7 +19,6 @@ GRID = grid_network(2, 3)
 TEE = tee_network()
 NETWORKS = {"grid": GRID, "tee": TEE, "single": grid_network(1, 1)}
 N, E, S, W = range(4)
-unhurried = settings(deadline=None)
 ALL = pytest.mark.parametrize("name", IMPUTERS)
 NETS = pytest.mark.parametrize("net", NETWORKS)
 PATTERNS = st.sampled_from(["random", "kriging", "lane", "burst", "mixed"])
@@ -68,7 +67,6 @@ def everything(network):
 
 @ALL
 @NETS
-@unhurried
 @given(pattern=PATTERNS, seed=st.integers(0, 2**31))
 def test_reported_values_stay_and_the_rest_is_finite(name, net, pattern, seed):
     network = NETWORKS[net]
@@ -91,7 +89,6 @@ def test_reported_values_stay_and_the_rest_is_finite(name, net, pattern, seed):
 
 
 @ALL
-@unhurried
 @given(
     pattern=PATTERNS, seed=st.integers(0, 2**31), poison=st.sampled_from([0.0, -7.0, 1e9, np.inf])
 )

@@ -88,7 +88,7 @@ def test_not_a_mask_file(tmp_path, content):
     refused(path, "not a mask file")
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_cut_or_damaged_file_is_an_error_or_still_right(saved, tmp_path, data):
     whole = bytearray(saved.read_bytes())

@@ -1,5 +1,7 @@
 """The invariants of the signals: whatever is asked of them, and whatever is sent to the guard."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -64,14 +66,14 @@ DECISIONS = st.lists(
 
 
 @given(timing=TIMINGS, decisions=DECISIONS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_order_of_phases_breaks_a_rule(timing, decisions):
     recorder = drive(timing, decisions)
     for node in NETWORK.intersections:
         states = recorder.states[node.id]
         turned_green = [-np.inf] * len(node.links)
         turned_yellow = [0.0] * len(node.links)
-        for (_, before), (time, after) in zip(states, states[1:], strict=False):
+        for (_, before), (time, after) in itertools.pairwise(states):
             for link, (old, new) in enumerate(zip(before, after, strict=True)):
                 if old in "Gg" and new == "y":
                     assert time - turned_green[link] >= timing.min_green
@@ -90,7 +92,7 @@ def test_no_order_of_phases_breaks_a_rule(timing, decisions):
 
 
 @given(decisions=DECISIONS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_free_links_are_always_green(decisions):
     recorder = drive(SignalSettings(), decisions)
     for node in NETWORK.intersections:

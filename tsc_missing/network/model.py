@@ -197,9 +197,11 @@ class Network:
     def adjacency(self) -> BoolArray:
         """(N, N), symmetric: whether a road leads from one intersection to the other."""
         table = np.zeros((self.n, self.n), dtype=bool)
-        for n in range(self.n):
-            feeders = self.neighbours[n]
-            table[n, feeders[feeders >= 0] // N_SLOTS] = True
+        index = {name: n for n, name in enumerate(self.ids)}
+        for n, node in enumerate(self.intersections):
+            for road in node.roads:
+                feeders = self.record.upstream.get(road, ())
+                table[n, [index[name] for name, _ in feeders]] = True
         table |= table.T
         np.fill_diagonal(table, False)
         return table

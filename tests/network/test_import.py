@@ -1,0 +1,212 @@
+"""CityFlow networks become SUMO nets whose slots, phases and neighbours are those of the net."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import sumolib
+
+from tests.cityflow_files import grid_flows, grid_roadnet, road, tee_roadnet, write
+from tests.shared import CITYFLOW, needs_shared
+from tsc_missing.errors import UserError
+from tsc_missing.network.cityflow import read_roadnet
+from tsc_missing.network.folder import NET, read_folder
+from tsc_missing.network.importing import import_cityflow
+from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS, assign_approaches, slot_index
+
+N, E, S, W = range(4)
+LEFT, STRAIGHT, RIGHT = range(3)
+COMPASS = {0: W, 1: S, 2: E, 3: N}  # CityFlow's direction of travel to where traffic comes from
+
+
+@pytest.fixture(scope="module", params=[(2, 3), (3, 4), (1, 2)], ids=str)
+def grid(request, tmp_path_factory):
+    rows, columns = request.param
+    folder = tmp_path_factory.mktemp("grid")
+    roadnet, flow = write(folder, grid_roadnet(rows, columns), grid_flows(rows, columns))
+    import_cityflow(roadnet, flow, folder / "net", "net", 600)
+    return read_folder(folder / "net", "net")
+
+
+@pytest.fixture(scope="module")
+def tee(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tee")
+    roadnet, flow = write(folder, tee_roadnet(), grid_flows(0, 0)[:0])
+    import_cityflow(roadnet, None, folder / "net", "net", 600)
+    return read_folder(folder / "net", "net")
+
+
+def upstream_by_net(folder, network):
+    """The neighbour slots of each slot, read from the SUMO net and not from our tables."""
+    net = sumolib.net.readNet(str(folder.net_file))
+    index = {name: n for n, name in enumerate(network.ids)}
+    slot_of_lane = {
+        lane: (n, slot)
+        for n, slots in enumerate(network.slot_lanes)
+        for slot, lanes in enumerate(slots)
+        for lane in lanes
+    }
+    table = {}
+    for n, slots in enumerate(network.slot_lanes):
+        for slot, lanes in enumerate(slots):
+            feeders = set()
+            for lane in lanes:
+                edge = net.getLane(lane).getEdge()
+                for source, connections in edge.getIncoming().items():
+                    if source.getToNode().getID() in index:
+                        feeders |= {
+                            slot_of_lane[connection.getFromLane().getID()]
+                            for connection in connections
+                        }
+            table[n, slot] = feeders
+    return table
+
+
+def test_neighbour_slots_are_those_of_the_net(grid):
+    network = grid.network
+    for (n, slot), feeders in upstream_by_net(grid, network).items():
+        row = network.neighbours[n, slot]
+        assert {(int(k) // N_SLOTS, int(k) % N_SLOTS) for k in row[row >= 0]} == feeders
+
+
+@needs_shared
+def test_neighbour_slots_of_new_york_are_those_of_the_net(tmp_path):
+    import_cityflow(CITYFLOW / "roadnet_16_3.json", None, tmp_path / "net", "newyork", 3600)
+    folder = read_folder(tmp_path / "net", "newyork")
+    assert folder.network.n == 48
+    for (n, slot), feeders in upstream_by_net(folder, folder.network).items():
+        row = folder.network.neighbours[n, slot]
+        assert {(int(k) // N_SLOTS, int(k) % N_SLOTS) for k in row[row >= 0]} == feeders
+    assert (folder.network.neighbours >= 0).any(axis=2).sum() == 2 * (16 * 2 + 15 * 3) * 3
+
+
+def test_lanes_are_in_the_slots_of_their_approach_and_turn(grid):
+    network = grid.network
+    for n, node in enumerate(network.intersections):
+        assert network.slot_mask[n].all()
+        for slot, lanes in enumerate(network.slot_lanes[n]):
+            (lane,) = lanes
+            name, number = lane.rsplit("_", 1)
+            assert COMPASS[int(name[-1])] == slot // len(TURNS)
+            # CityFlow lane 0 is the innermost (left), which is SUMO's lane 2.
+            assert {"2": LEFT, "1": STRAIGHT, "0": RIGHT}[number] == slot % len(TURNS)
+        assert {link.from_lane for link in node.links} == {
+            lane for lanes in network.slot_lanes[n] for lane in lanes
+        }
+
+
+def test_lane_order_against_the_geometry_of_the_net(grid):
+    net = sumolib.net.readNet(str(grid.net_file))
+    for slots in grid.network.slot_lanes:
+        for slot, (lane,) in enumerate(slots):
+            directions = {c.getDirection() for c in net.getLane(lane).getOutgoing()}
+            assert directions == {"lsr"[slot % len(TURNS)]}
+
+
+def test_phases_are_the_papers_four(grid):
+    expected = [
+        {slot_index(W, STRAIGHT), slot_index(E, STRAIGHT)},
+        {slot_index(N, STRAIGHT), slot_index(S, STRAIGHT)},
+        {slot_index(W, LEFT), slot_index(E, LEFT)},
+        {slot_index(N, LEFT), slot_index(S, LEFT)},
+    ]
+    for phases in grid.network.phases:
+        assert [set(np.flatnonzero(phase)) for phase in phases] == expected
+    assert {slot % 3 for slot in np.flatnonzero(grid.network.free_slots[0])} == {RIGHT}
+
+
+def test_no_phase_has_a_conflict(grid):
+    for node in grid.network.intersections:
+        for phase in node.phases:
+            assert not any(b in node.foes[a] for a in phase.links for b in phase.links)
+
+
+def test_right_turns_give_way_and_straight_does_not(grid):
+    for node in grid.network.intersections:
+        for link, record in enumerate(node.links):
+            if record.slot % 3 == RIGHT:
+                assert node.yields[link] == node.foes[link]
+            if record.slot % 3 == STRAIGHT:
+                assert node.yields[link] == ()
+
+
+def test_tee_with_a_shared_lane(tee):
+    network = tee.network
+    names = {f"{APPROACHES[s // 3]}-{TURNS[s % 3]}" for s in np.flatnonzero(network.slot_mask[0])}
+    assert names == {"W-straight", "W-right", "E-straight", "E-left", "S-left", "S-right"}
+    south = network.slot_lanes[0][slot_index(S, LEFT)]
+    assert south == network.slot_lanes[0][slot_index(S, RIGHT)] == (f"{road(1, 0, 1)}_0",)
+    lane, flat, weight = network.lane_slots
+    shared = [weight[k] for k, lane_ in enumerate(lane) if network.entrance_lanes[lane_] in south]
+    assert shared == [0.5, 0.5]
+    assert np.bincount(lane, weight).tolist() == [1.0] * len(network.entrance_lanes)
+    assert network.phase_mask.sum() == 3
+    assert not network.phases[0][:, ~network.slot_mask[0]].any()
+
+
+def test_first_phases_that_serve_everything_or_all(tmp_path):
+    content = grid_roadnet(1, 1)
+    node = next(i for i in content["intersections"] if not i["virtual"])
+    lights = node["trafficLight"]["lightphases"]
+    one_approach = [
+        k for k, link in enumerate(node["roadLinks"]) if link["startRoad"] == road(0, 1, 0)
+    ]
+    free = lights[0]["availableRoadLinks"]
+    lights.append({"time": 30, "availableRoadLinks": sorted({*free, *one_approach})})
+    path, _ = write(tmp_path, content, [])
+    assert len(read_roadnet(path).nodes["intersection_1_1"].phases) == 4
+    assert len(read_roadnet(path, all_phases=True).nodes["intersection_1_1"].phases) == 5
+
+
+def test_import_twice_gives_the_same_bytes(tmp_path):
+    roadnet, flow = write(tmp_path, grid_roadnet(1, 2), grid_flows(1, 2))
+    for name in ("one", "two"):
+        import_cityflow(roadnet, flow, tmp_path / name, "net", 600)
+    for file in (tmp_path / "one").iterdir():
+        assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes()
+
+
+def test_a_changed_net_is_noticed(grid, tmp_path):
+    copy = shutil.copytree(grid.path, tmp_path / "copy")
+    (copy / NET).write_text((copy / NET).read_text() + "\n")
+    with pytest.raises(UserError, match="checksum"):
+        read_folder(copy, "copy")
+
+
+@pytest.mark.parametrize(
+    ("bearings", "approaches"),
+    [
+        ([0, 90, 180, 270], [N, E, S, W]),
+        ([270, 0], [W, N]),
+        ([44, 46], [N, E]),
+        ([80, 100, 270], [N, E, W]),
+        ([350, 10, 90, 180], [W, N, E, S]),
+        ([0, 72, 144, 216, 288], [N, E, S, S, W]),
+    ],
+)
+def test_approaches_follow_the_compass(bearings, approaches):
+    assert assign_approaches(bearings) == approaches
+
+
+def spoil(path, change):
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda net: net["roads"][0].update(endIntersection="nowhere"), "unknown intersection"),
+        (lambda net: net["roads"][0].pop("lanes"), "roads.0.lanes"),
+        (lambda net: net["roads"][0]["lanes"][0].update(width=-1), "roads.0.lanes.0.width"),
+        (lambda net: net.update(intersections=[]), "unknown intersection"),
+        (lambda net: [i.pop("trafficLight") for i in net["intersections"]], "has signals"),
+    ],
+)
+def test_bad_roadnets_name_the_place(tmp_path, change, words):
+    roadnet, _ = write(tmp_path, grid_roadnet(1, 1), [])
+    with pytest.raises(UserError, match=words):
+        read_roadnet(spoil(roadnet, change))

@@ -1,0 +1,58 @@
+"""Small parts that the networks share."""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+class Dense(nn.Linear):
+    """A linear layer that works in its input's precision; the weights stay in float32."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(…, in) to (…, out)."""
+        return F.linear(x, self.weight.to(x.dtype), self.bias.to(x.dtype))
+
+
+class Projection(Dense):
+    """A linear layer to queries, keys and values whose queries come out divided by sqrt(d)."""
+
+    scale: Tensor
+
+    def __init__(self, width: int, heads: int, parts: int) -> None:
+        """``parts`` times ``width`` outputs; the first ``width`` are the queries."""
+        super().__init__(width, parts * width)
+        scale = torch.ones(parts * width)
+        scale[:width] = (width // heads) ** -0.5
+        self.register_buffer("scale", scale, persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(…, D) to (…, parts * D)."""
+        weight = self.weight * self.scale.unsqueeze(1)
+        return F.linear(x, weight.to(x.dtype), (self.bias * self.scale).to(x.dtype))
+
+
+def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+    """f_MLP of the paper: two linear layers."""
+    return nn.Sequential(Dense(inputs, hidden), nn.SiLU(), Dense(hidden, outputs))
+
+
+class StepEmbedding(nn.Module):
+    """A step number to an embedding: sines and cosines, then an MLP."""
+
+    frequencies: Tensor
+
+    def __init__(self, width: int) -> None:
+        """``width`` is D."""
+        super().__init__()
+        half = width // 2
+        frequencies = torch.exp(-math.log(1e4) * torch.arange(half) / max(half - 1, 1))
+        self.register_buffer("frequencies", frequencies, persistent=False)
+        self.mlp = mlp(2 * half, width, width)
+
+    def forward(self, step: Tensor) -> Tensor:
+        """(B,) to (B, D)."""
+        angle = step.float().unsqueeze(-1) * self.frequencies
+        out: Tensor = self.mlp(torch.cat((angle.sin(), angle.cos()), dim=-1))
+        return out

@@ -1,0 +1,86 @@
+"""The sizes, colours and marks of a network's picture.
+
+The marks differ in shape and in lightness too, so that they are told apart without colours:
+always observed is a white circle, partly observed a circle from light to dark, and never observed
+a dark-edged square with a cross.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsc_missing.network.coverage import Coverage
+from tsc_missing.network.model import FloatArray, Network
+from tsc_missing.network.roads import Road
+
+INK = "#1f2933"
+QUIET = "#52606d"
+ROAD = "#d3d8dd"
+WHITE = "#ffffff"
+NEVER = "#d55e00"
+SHARES = "YlGnBu"  # from light to dark
+
+POINTS = 72.0  # an inch
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large things are drawn, in metres of the network: larger than they are, to be seen."""
+
+    lane: float  # width of a lane
+    gap: float  # between the directions of a road
+    block: float  # a typical distance between intersections
+    bounds: tuple[float, float, float, float]  # left, bottom, right, top of the whole drawing
+
+    @property
+    def width(self) -> float:
+        """The drawing's width [m]."""
+        return self.bounds[2] - self.bounds[0]
+
+    @property
+    def height(self) -> float:
+        """The drawing's height [m]."""
+        return self.bounds[3] - self.bounds[1]
+
+
+def choose_sizes(network: Network, roads: Sequence[Road]) -> Sizes:
+    """Sizes in proportion to the distances between the network's intersections."""
+    points = np.vstack([road.line for road in roads])
+    low, high = points.min(axis=0), points.max(axis=0)
+    block = _block(network.coordinates, float((high - low).max()))
+    most = max(len(road.lanes) for road in roads)
+    lane = min(0.03 * block, 0.13 * block / most)
+    margin = 1.2 * lane * most
+    low, high = low - margin, high + margin
+    missing = np.maximum((high - low).max() / 8 - (high - low), 0) / 2  # at most 8 times as long
+    left, bottom, right, top = (*(low - missing), *(high + missing))
+    return Sizes(lane, 0.8 * lane, block, (float(left), float(bottom), float(right), float(top)))
+
+
+def _block(places: FloatArray, extent: float) -> float:
+    """The median distance of an intersection to its nearest [m]; a part of ``extent`` for one."""
+    if len(places) == 1:
+        return 0.5 * extent
+    apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(apart.min(axis=1)))
+
+
+def radii(network: Network, roads: Sequence[Road], sizes: Sizes) -> FloatArray:
+    """(N,): the radius of each intersection's mark [m]; it covers where its roads meet."""
+    lanes = {road.id: len(road.lanes) for road in roads}
+    most = np.array(
+        [
+            max((lanes.get(road, 1) for road in node.roads), default=1)
+            for node in network.intersections
+        ]
+    )
+    return np.clip(1.15 * (most * sizes.lane + sizes.gap / 2), 0.1 * sizes.block, None)
+
+
+def top_share(coverage: Coverage) -> float:
+    """The upper end of the colour scale: the largest share of a partly observed place, rounded."""
+    shares = np.r_[coverage.missing[coverage.partly].ravel(), coverage.intersections]
+    partial = shares[shares < 1]
+    return max(0.1, float(np.ceil(10 * partial.max(initial=0.0) - 1e-9)) / 10)
