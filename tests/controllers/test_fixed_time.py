@@ -8,8 +8,9 @@ from tsc_missing.controllers.fixed_time import (
     PlainCycle,
     critical_ratios,
     slot_flow_ratios,
+    split_steps,
     webster_cycle,
-    whole_steps,
+    webster_plan,
 )
 
 FLOWS = {
@@ -50,24 +51,44 @@ def test_critical_ratio_is_the_largest_and_phases_share_a_slot_that_several_serv
 
 @pytest.mark.parametrize(
     ("ratio", "lost", "seconds"),
-    [(0.6, 20.0, 87.5), (0.5, 20.0, 70.0), (0.0, 20.0, 60.0), (0.9, 20.0, 180.0), (1.4, 20, 180)],
+    [
+        (0.6, 20.0, 87.5),
+        (0.5, 20.0, 70.0),
+        (0.0, 20.0, 60.0),
+        (0.9, 20.0, 180.0),
+        (1.4, 20.0, 180.0),
+    ],
 )
 def test_webster_cycle(ratio, lost, seconds):
-    cycle = webster_cycle(np.array([ratio]), np.array([lost]))
-    np.testing.assert_allclose(cycle, [seconds])
+    assert webster_cycle(ratio, lost) == pytest.approx(seconds)
 
 
-def test_webster_plan_by_hand(network):
-    # A: Y = 0.6, L = 20, C = 87.5 s, 6 steps: phases of 38.75, 27.5, 16.25, 5 s
-    # B: Y = 0.7, L = 15, C = 91.7 s, 6 steps: phases of 37.9, 37.9, 16.0 s, the tie to the first
+def test_split_goes_to_the_phase_that_is_worst_off():
+    # greens of 10, 25, 40 s: 0.30 / 25 = 0.012 < 0.20 / 10 = 0.020, then 0.30 / 25 > 0.20 / 25
+    ratios = np.array([0.3, 0.2, 0.1])
+    splits = [split_steps(ratios, 5.0, 15.0, total).tolist() for total in (3, 4, 5, 6, 7)]
+    assert splits == [[1, 1, 1], [2, 1, 1], [2, 2, 1], [3, 2, 1], [3, 2, 2]]
+
+
+def test_webster_plan_by_hand_without_need_to_lengthen():
+    # Y = 0.4, L = 15, C = 27.5 / 0.6 = 45.8 -> 60 s, 4 steps, greens 25, 10, 10 s
+    # x = 0.2 * 60 / 25 = 0.48, 0.1 * 60 / 10 = 0.6, 0.6
+    assert webster_plan(np.array([0.2, 0.1, 0.1]), 5.0, 15.0).tolist() == [2, 1, 1]
+
+
+def test_webster_plan_by_hand_lengthened_for_the_sake_of_whole_steps(network):
+    # A: Y = 0.6, L = 20, C = 87.5 s, 6 steps: greens of 25, 25, 10, 10 s, x = 0.3 * 90 / 25 = 1.08
+    #    7 steps: 40, 25, 10, 10 s, x = 0.79, 0.84, 1.05; 8 steps: 40, 25, 25, 10 s, x = 0.9
+    # B: Y = 0.7, L = 15, C = 91.7 s, 6 steps: 40, 25, 10 s, x = 0.3 * 90 / 25 = 1.08
+    #    7 steps: 40, 40, 10 s, x = 1.05; 8 steps: 40, 40, 25 s, x = 0.3 * 120 / 40 = 0.9
     plan = FixedTime().plan(context(network, flows=FLOWS))
-    assert plan.tolist() == [[2, 2, 1, 1], [3, 2, 1, 0]]
+    assert plan.tolist() == [[3, 2, 2, 1], [3, 3, 2, 0]]
 
 
 def test_fixed_time_repeats_its_plan_from_phase_0(network):
-    run = phases(FixedTime(), network, range(13), flows=FLOWS)
-    assert run[:, A].tolist() == [0, 0, 1, 1, 2, 3, 0, 0, 1, 1, 2, 3, 0]
-    assert run[:, B].tolist() == [0, 0, 0, 1, 1, 2, 0, 0, 0, 1, 1, 2, 0]
+    run = phases(FixedTime(), network, range(10), flows=FLOWS)
+    assert run[:, A].tolist() == [0, 0, 0, 1, 1, 2, 2, 3, 0, 0]
+    assert run[:, B].tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 0, 0]
     assert run.dtype == np.int64
 
 
@@ -86,15 +107,12 @@ def test_long_decision_intervals_still_give_every_phase_a_step(network):
     assert plan.tolist() == [[1, 1, 1, 1], [1, 1, 1, 0]]
 
 
-def test_whole_steps_are_largest_remainders():
-    present = np.array([True, True, True, True])
-    steps = whole_steps(np.array([3.4, 2.3, 1.7, 1.6]), present, 9)
-    assert steps.tolist() == [3, 2, 2, 2]
+def test_steps_that_no_flow_asks_for_are_spread():
+    assert split_steps(np.zeros(3), 5.0, 15.0, 8).tolist() == [3, 3, 2]
 
 
-def test_whole_steps_take_from_others_what_a_small_phase_needs():
-    present = np.array([True, True, True, False])
-    assert whole_steps(np.array([3.6, 3.3, 0.1, 0.0]), present, 7).tolist() == [3, 3, 1, 0]
+def test_one_phase_loses_no_time():
+    assert webster_plan(np.array([0.85]), 5.0, 15.0).tolist() == [4]
 
 
 @pytest.mark.parametrize(

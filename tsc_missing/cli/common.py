@@ -40,14 +40,15 @@ def _status(call: Callable[[], object]) -> int:
         _say(" ".join(text.split()))
         return MISTAKE
     except (KeyboardInterrupt, typer.Abort):
-        _say("interrupted; nothing was kept")
-        return INTERRUPTED
+        result = INTERRUPTED
     except BrokenPipeError:
         return FAILED
     except Exception as error:
         _say(f"{type(error).__name__}: {error}")
         messages.print_exception(max_frames=20)
         return FAILED
+    if result == INTERRUPTED:
+        _say("interrupted; nothing was kept")
     return result if isinstance(result, int) else DONE
 
 

@@ -1,16 +1,19 @@
 """Fixed-time control: Webster's plan from turning counts, and plain cycles."""
 
+import math
 from abc import abstractmethod
 
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
-from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.sensing.observation import Observation
 
 SATURATION_FLOW = 1469.0  # [vehicles/h/lane], steady flow of the recorded scenarios' car
 CYCLE_MIN = 60.0  # [s]
 CYCLE_MAX = 180.0  # [s]
+PRACTICAL_SATURATION = 0.9  # flow over capacity that a plan is designed for
+NO_FLOW = 1e-6  # flow ratio that counts as none
 
 
 class Cycle(Controller):
@@ -57,29 +60,20 @@ class FixedTime(Cycle):
     With the critical flow ratio y of each phase, Y their sum and L the time lost in a cycle,
 
         C = (1.5 L + 5) / (1 - Y), kept within 60 s and 180 s
-        phase duration = lost time + (C - L) y / Y
 
-    and durations are rounded to whole decision steps, at least one a phase. Without flow all
-    phases are equal; if Y is 1 or more the cycle is the longest.
+    and greens in proportion to y, so that all phases have the same degree of saturation
+    x = y C / green. Phases last whole decision steps, at least one, so the split is the one with
+    the smallest largest x; where that is above 0.9, which rounding alone can bring about, the
+    cycle is lengthened, by steps, to the first that stays below, or to the best there is.
     """
 
     def plan(self, context: ControlContext) -> IntArray:
-        """(N, P): Webster's phase durations in decision steps."""
-        network, interval = context.network, context.decision_interval
-        present = network.phase_mask
-        count = present.sum(axis=1)
-        lost = np.where(count > 1, count * context.lost_time, 0.0)
-        ratios = critical_ratios(network, context.turning_flows)
-        cycle = np.maximum(webster_cycle(ratios.sum(axis=1), lost), count * interval)
-        shares = _shares(ratios, present)
-        durations = present * (lost / count)[:, None] + (cycle - lost)[:, None] * shares
-        steps = np.maximum(np.floor(cycle / interval + 0.5).astype(np.int64), count)
-        return np.array(
-            [
-                whole_steps(row / interval, mask, total)
-                for row, mask, total in zip(durations, present, steps, strict=True)
-            ]
-        )
+        """(N, P): the decision steps of each phase."""
+        ratios = critical_ratios(context.network, context.turning_flows)
+        plan = np.zeros(ratios.shape, dtype=np.int64)
+        for row, ratio, mask in zip(plan, ratios, context.network.phase_mask, strict=True):
+            row[mask] = webster_plan(ratio[mask], context.lost_time, context.decision_interval)
+        return plan
 
 
 def slot_flow_ratios(network: Network, flows: FloatArray) -> FloatArray:
@@ -106,27 +100,42 @@ def critical_ratios(network: Network, flows: FloatArray) -> FloatArray:
     return critical
 
 
-def webster_cycle(total_ratio: FloatArray, lost: FloatArray) -> FloatArray:
-    """(N,): Webster's cycle [s] for the sum of critical ratios and the time lost in a cycle [s]."""
-    spare = np.maximum(1.0 - total_ratio, 1e-9)
-    return np.clip((1.5 * lost + 5.0) / spare, CYCLE_MIN, CYCLE_MAX)
+def webster_plan(ratios: FloatArray, lost_time: float, interval: float) -> IntArray:
+    """(P,): steps of ``interval`` [s] for phases with these critical ratios at one intersection.
 
-
-def whole_steps(ideal: FloatArray, present: BoolArray, total: int) -> IntArray:
-    """(P,): ``total`` steps for the phases present: one each, then by the largest shortfall.
-
-    Where no phase wants less than one step this is the method of largest remainders; ties go to
-    the lowest phase.
+    ``lost_time`` [s] is lost at every change of phase, so none where there is one phase.
     """
-    steps = present.astype(np.int64)
-    for _ in range(total - steps.sum()):
-        shortfall = np.where(present, ideal - steps, -np.inf)
-        steps[np.argmax(shortfall.round(9))] += 1
+    lost = lost_time if len(ratios) > 1 else 0.0
+    cycle = webster_cycle(float(ratios.sum()), lost * len(ratios))
+    shortest = max(len(ratios), math.floor(cycle / interval + 0.5))
+    longest = max(shortest, math.floor(CYCLE_MAX / interval))
+    best, least = np.ones(len(ratios), dtype=np.int64), math.inf
+    for total in range(shortest, longest + 1):
+        steps = split_steps(ratios, lost, interval, total)
+        saturation = float((ratios * total * interval / (steps * interval - lost)).max())
+        if saturation < least:
+            best, least = steps, saturation
+        if saturation <= PRACTICAL_SATURATION:
+            break
+    return best
+
+
+def webster_cycle(total_ratio: float, lost: float) -> float:
+    """Webster's cycle [s] for the sum of critical ratios and the time lost in a cycle [s]."""
+    if total_ratio >= 1.0:
+        return CYCLE_MAX
+    return min(max((1.5 * lost + 5.0) / (1.0 - total_ratio), CYCLE_MIN), CYCLE_MAX)
+
+
+def split_steps(ratios: FloatArray, lost: float, interval: float, total: int) -> IntArray:
+    """(P,): ``total`` steps so that the largest ratio of flow to green is as small as it can be.
+
+    One step each, then one by one to the phase that is worst off; ties go to the lowest phase,
+    and steps that no flow asks for are spread evenly.
+    """
+    asked = np.maximum(ratios, NO_FLOW)
+    steps = np.ones(len(ratios), dtype=np.int64)
+    for _ in range(total - len(ratios)):
+        worst = asked / (steps * interval - lost)
+        steps[np.argmax(worst.round(12))] += 1
     return steps
-
-
-def _shares(ratios: FloatArray, present: BoolArray) -> FloatArray:
-    """(N, P): rows that sum to 1, by ratio, or equal where there is no flow at all."""
-    weights = np.where(ratios.sum(axis=1, keepdims=True) > 0, ratios, present)
-    shares: FloatArray = weights / weights.sum(axis=1, keepdims=True)
-    return shares

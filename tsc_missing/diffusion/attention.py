@@ -15,8 +15,12 @@ class _Attend(torch.autograd.Function):
     """f_Att(Q, K, V) of the paper, for scaled queries and optionally a mask of keys."""
 
     @staticmethod
-    def forward(  # type: ignore[override]
-        ctx: torch.autograd.function.FunctionCtx, q: Tensor, k: Tensor, v: Tensor, mask: Tensor | None
+    def forward(
+        ctx: torch.autograd.function.FunctionCtx,
+        q: Tensor,
+        k: Tensor,
+        v: Tensor,
+        mask: Tensor | None,
     ) -> Tensor:
         p = torch.bmm(q, k.transpose(1, 2)).clamp_(-MAX_LOGIT, MAX_LOGIT).exp_()
         if mask is not None:
@@ -26,7 +30,7 @@ class _Attend(torch.autograd.Function):
         return torch.bmm(p, v)
 
     @staticmethod
-    def backward(  # type: ignore[override]
+    def backward(
         ctx: torch.autograd.function.FunctionCtx, grad: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, None]:
         q, k, v, p = ctx.saved_tensors  # type: ignore[attr-defined]

@@ -15,7 +15,9 @@ class ScalingSettings(Settings):
     vehicles: float = Field(10.0, gt=0)  # [vehicles] that count as 1
     queue: float = Field(10.0, gt=0)  # [vehicles] that count as 1
     clip: float = Field(8.0, gt=0)  # scaled values end here
-    reward: float = Field(100.0, gt=0)  # [vehicles] queueing at an intersection: reward 0, the worst
+    reward: float = Field(
+        100.0, gt=0
+    )  # [vehicles] queueing at an intersection: reward 0, the worst
     red_steps: float = Field(20.0, gt=0)  # [decision steps] without green that count as 1, the most
 
 

@@ -1,5 +1,6 @@
 """The DDIM sampler with η = 0: the reverse process, from noise to a trajectory."""
 
+import itertools
 from collections.abc import Callable
 
 import torch
@@ -23,7 +24,7 @@ def sample(
     is the noise that belongs to x^k and x̂^0 (section "Diffusion model").
     """
     ks = schedule.sampling_steps(steps)
-    for k, smaller in zip(ks[:-1], ks[1:], strict=True):
+    for k, smaller in itertools.pairwise(ks):
         now, then = torch.tensor([k]), torch.tensor([smaller])
         x0 = denoise(x, now)
         noise = schedule.noise_from_x0(x, now, x0)

@@ -163,9 +163,7 @@ class DiffLightModel(nn.Module):
             score = x[:, last + 1, :, -1]
             return phase_means(score, history.slots, history.phases, history.phase_mask)
         now, then = x[:, last, :, :N_FEATURES], x[:, last + 1, :, :N_FEATURES]
-        logits: Tensor = self.inverse(
-            now, then, history.slots, history.phases, history.phase_mask
-        )
+        logits: Tensor = self.inverse(now, then, history.slots, history.phases, history.phase_mask)
         return logits
 
     # Both

@@ -22,9 +22,7 @@ class Ema:
         self.updates += 1
         decay = min(self.decay, (1 + self.updates) / (10 + self.updates))
         with torch.no_grad():
-            torch._foreach_lerp_(
-                list(self.model.parameters()), list(model.parameters()), 1 - decay
-            )
+            torch._foreach_lerp_(list(self.model.parameters()), list(model.parameters()), 1 - decay)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The averages and how often they were updated, for a checkpoint."""

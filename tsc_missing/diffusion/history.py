@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
+from torch.nn import functional as nnf
 from torch import Tensor
 
 from tsc_missing.diffusion.batch import Inputs, gather_neighbours
@@ -66,12 +66,12 @@ def inputs_at_inference(
     observable = history.observable & history.slots
     sensed = observable.any(dim=1, keepdim=True)
     signals = scaling.signals(history.green, history.red_steps, config.steps)
-    all_known = F.pad(known, (0, 0, 0, ahead))
-    values = F.pad(scaling.values(vehicles), (0, 0, 0, 0, 0, ahead))
+    all_known = nnf.pad(known, (0, 0, 0, ahead))
+    values = nnf.pad(scaling.values(vehicles), (0, 0, 0, 0, 0, ahead))
     inputs = Inputs(
         known=all_known,
         slots=history.slots,
-        reward=F.pad(reward, (0, ahead), value=config.target_reward),
+        reward=nnf.pad(reward, (0, ahead), value=config.target_reward),
         reward_known=torch.cat((reward_known, sensed.expand(-1, ahead)), dim=1),
         observable=torch.cat((known, observable.unsqueeze(1).expand(-1, ahead, -1)), dim=1),
         signals=signals,

@@ -3,7 +3,7 @@
 import math
 
 import torch
-import torch.nn.functional as F
+from torch.nn import functional as nnf
 from torch import Tensor, nn
 
 
@@ -12,7 +12,7 @@ class Dense(nn.Linear):
 
     def forward(self, x: Tensor) -> Tensor:
         """(…, in) to (…, out)."""
-        return F.linear(x, self.weight.to(x.dtype), self.bias.to(x.dtype))
+        return nnf.linear(x, self.weight.to(x.dtype), self.bias.to(x.dtype))
 
 
 class Projection(Dense):
@@ -30,7 +30,7 @@ class Projection(Dense):
     def forward(self, x: Tensor) -> Tensor:
         """(…, D) to (…, parts * D)."""
         weight = self.weight * self.scale.unsqueeze(1)
-        return F.linear(x, weight.to(x.dtype), (self.bias * self.scale).to(x.dtype))
+        return nnf.linear(x, weight.to(x.dtype), (self.bias * self.scale).to(x.dtype))
 
 
 def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:

@@ -10,7 +10,7 @@ would shift all logits of a query alike.
 """
 
 import torch
-import torch.nn.functional as F
+from torch.nn import functional as nnf
 from torch import Tensor, nn
 
 from tsc_missing.diffusion.attention import attend, merge_heads, split_heads
@@ -26,7 +26,7 @@ class EncoderLayer(nn.Module):
     """CCA, SSA, TSA and an MLP (Eq. CCA, CCA+x, SSA-and-TSA, STE)."""
 
     def __init__(self, config: DiffLightConfig) -> None:
-        """Queries of CCA, keys and values of the neighbours, and one projection each for SSA, TSA."""
+        """Projections for CCA, SSA and TSA, and the MLP."""
         super().__init__()
         width = config.width
         self.heads = config.heads
@@ -141,7 +141,7 @@ class STFormer(NoiseModel):
             features.append(blank(near.signals, near.exists.unsqueeze(-1)))
         features.append(near.exists[..., None, None].float().expand(*given.shape, 1))
         e: Tensor = self.upstream(torch.cat(features, dim=-1).to(dtype)) + tt.to(dtype)
-        return F.silu(e).flatten(2, 3)
+        return nnf.silu(e).flatten(2, 3)
 
     def _slot_mask(
         self, slots: Tensor, steps: int, count: int, dtype: torch.dtype

@@ -1,7 +1,7 @@
 """The temporal U-Net, for the ablation: no neighbours, slots as channels."""
 
 import torch
-import torch.nn.functional as F
+from torch.nn import functional as nnf
 from torch import Tensor, nn
 
 from tsc_missing.diffusion.batch import N_SIGNALS, Inputs, blank
@@ -68,10 +68,10 @@ class UNet(NoiseModel):
         e = blank(self.reward(seen), used) + self.diffusion_step(k)
         c = e.flatten(0, 1)
         top = self.enter(self._features(x, inputs).repeat(count, 1, 1), c)
-        middle = self.down(F.avg_pool1d(top, 2), c)
-        low = self.bottom(F.avg_pool1d(middle, 2), c)
-        raised = self.up(torch.cat((F.interpolate(low, scale_factor=2.0), middle), dim=1), c)
-        full = self.leave(torch.cat((F.interpolate(raised, scale_factor=2.0), top), dim=1), c)
+        middle = self.down(nnf.avg_pool1d(top, 2), c)
+        low = self.bottom(nnf.avg_pool1d(middle, 2), c)
+        raised = self.up(torch.cat((nnf.interpolate(low, scale_factor=2.0), middle), dim=1), c)
+        full = self.leave(torch.cat((nnf.interpolate(raised, scale_factor=2.0), top), dim=1), c)
         out: Tensor = self.out(full).transpose(1, 2)
         return out.reshape(count, batch, length, N_SLOTS, self.channels)
 

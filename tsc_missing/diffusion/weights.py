@@ -69,7 +69,7 @@ def load_weights(path: Path) -> tuple[DiffLightModel, dict[str, Any]]:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
-        with safe_open(path, framework="pt") as file:  # type: ignore[no-untyped-call]
+        with safe_open(path, framework="pt") as file:
             manifest = json.loads((file.metadata() or {})["manifest"])
             return manifest, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except OSError as error:

@@ -32,19 +32,22 @@ class Coverage:
     @cached_property
     def blind(self) -> BoolArray:
         """(N,): intersections that are never observed."""
-        return self.present.any(axis=1) & (self.never == self.present).all(axis=1)
+        blind: BoolArray = self.present.any(axis=1) & (self.never == self.present).all(axis=1)
+        return blind
 
     @cached_property
     def partly(self) -> BoolArray:
         """(N,): intersections that are observed, but not always and everywhere."""
-        return (self.missing > 0).any(axis=1) & ~self.blind
+        partly: BoolArray = (self.missing > 0).any(axis=1) & ~self.blind
+        return partly
 
     @cached_property
     def uneven(self) -> BoolArray:
         """(N,): intersections whose slots differ in their share of missing readings."""
         lowest = self.missing.min(axis=1, where=self.present, initial=1.0)
         highest = self.missing.max(axis=1, where=self.present, initial=0.0)
-        return highest > lowest
+        uneven: BoolArray = highest > lowest
+        return uneven
 
     @property
     def share(self) -> float:

@@ -1,36 +1,38 @@
-"""What a network's picture shows inside the map: roads, lanes, intersections and their names."""
+"""What a network's picture shows inside the map: roads, lanes and intersections."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
-from matplotlib.text import Text
-from matplotlib.transforms import Bbox
 
 from tsc_missing.network.coverage import Coverage
 from tsc_missing.network.model import BoolArray, FloatArray, Network
-from tsc_missing.network.picture_style import INK, NEVER, POINTS, ROAD, SHARES, WHITE, Sizes
+from tsc_missing.network.picture_style import HATCH, INK, NEVER, ROAD, SHARES, WHITE, Sizes
 from tsc_missing.network.roads import Road, band, lane_offsets, last_part
 
-SMALLEST, LARGEST = 4.5, 9.0  # [points], the size of intersections' names
+LANE_END = 0.26  # blocks, the length of a lane's end that shows its share
 
 
 def draw_roads(axes: Axes, roads: Sequence[Road], sizes: Sizes) -> None:
     """Each direction as a band on its own side, as wide as its lanes."""
-    bands = []
-    for road in roads:
-        offsets = lane_offsets(road, sizes.lane, sizes.gap)
-        half = sizes.lane / 2
-        bands.append(band(road.line, offsets.min() - half, offsets.max() + half))
-    axes.add_collection(
-        PolyCollection(
-            bands, facecolor=ROAD, edgecolor=ROAD, linewidth=0.4, zorder=1, gid="roads"
-        ),
-        autolim=False,
-    )
+    style = {"facecolor": ROAD, "edgecolor": ROAD, "linewidth": 0.4}
+    _polygons(axes, [road_band(road, sizes) for road in roads], 1, "roads", style)
+
+
+def road_band(road: Road, sizes: Sizes) -> FloatArray:
+    """(2K, 2): the outline of the band that a road is drawn as [m]."""
+    offsets, half = lane_offsets(road, sizes.lane, sizes.gap), sizes.lane / 2
+    return band(road.line, offsets.min() - half, offsets.max() + half)
+
+
+def _polygons(
+    axes: Axes, outlines: Sequence[FloatArray], level: float, gid: str, style: dict[str, Any]
+) -> None:
+    polygons = PolyCollection(outlines, zorder=level, gid=gid, **style)
+    axes.add_collection(polygons, autolim=False)
 
 
 def draw_lanes(
@@ -40,38 +42,42 @@ def draw_lanes(
     sizes: Sizes,
     radius: FloatArray,
     coverage: Coverage,
-    scale: Normalize,
+    colours: Normalize,
 ) -> None:
     """The last part of each entrance lane in the colour of its share of missing readings.
 
     Only at intersections whose slots differ; lanes that never report are hatched.
     """
     table = lane_shares(network, coverage)
-    outlines, shares = [], []
-    for n in np.flatnonzero(coverage.uneven):
-        for road in (road for road in roads if road.id in network.intersections[n].roads):
-            offsets = lane_offsets(road, sizes.lane, sizes.gap)
-            part = last_part(road.line, radius[n] + 0.26 * sizes.block, radius[n])
-            for lane, offset in zip(road.lanes, offsets, strict=True):
-                if lane in table:
-                    half = sizes.lane / 2
-                    outlines.append(band(part, offset - half, offset + half))
-                    shares.append(table[lane])
-    values = np.array(shares)
-    never = values >= 1
-    styles = (
-        (~never, "lanes", {"array": values[~never], "cmap": SHARES, "norm": scale}),
-        (never, "lanes-never-observed", {"facecolor": NEVER, "hatch": "//////"}),
-    )
-    for chosen, gid, style in styles:
-        if chosen.any():
-            picked = [outlines[k] for k in np.flatnonzero(chosen)]
-            axes.add_collection(
-                PolyCollection(
-                    picked, edgecolor=INK, linewidth=0.35, zorder=2, gid=gid, **style
-                ),
-                autolim=False,
-            )
+    ends = _lane_ends(network, roads, sizes, radius, np.flatnonzero(coverage.uneven).tolist())
+    seen = [lane for lane in ends if lane in table and table[lane] < 1]
+    never = [lane for lane in ends if lane in table and table[lane] >= 1]
+    edge: dict[str, Any] = {"edgecolor": WHITE, "linewidth": 0.4}
+    if seen:
+        shares = np.array([table[lane] for lane in seen])
+        style = {**edge, "array": shares, "cmap": SHARES, "norm": colours}
+        _polygons(axes, [ends[lane] for lane in seen], 2, "lanes", style)
+    if never:
+        style = {**edge, "facecolor": NEVER, "hatch": HATCH}
+        _polygons(axes, [ends[lane] for lane in never], 2, "lanes-never-observed", style)
+
+
+def _lane_ends(
+    network: Network,
+    roads: Sequence[Road],
+    sizes: Sizes,
+    radius: FloatArray,
+    chosen: Sequence[int],
+) -> dict[str, FloatArray]:
+    """The outlines of the last parts of the lanes that lead to the ``chosen`` intersections."""
+    goal = {road: n for n in chosen for road in network.intersections[n].roads}
+    half, ends = sizes.lane / 2, {}
+    for road in (road for road in roads if road.id in goal):
+        reach = float(radius[goal[road.id]])
+        part = last_part(road.line, reach + LANE_END * sizes.block, reach)
+        for lane, offset in zip(road.lanes, lane_offsets(road, sizes.lane, sizes.gap), strict=True):
+            ends[lane] = band(part, offset - half, offset + half)
+    return ends
 
 
 def lane_shares(network: Network, coverage: Coverage) -> dict[str, float]:
@@ -90,22 +96,20 @@ def draw_intersections(
     colours: Normalize,
 ) -> None:
     """A mark for each intersection; ``radius`` [m] is drawn at ``scale`` points a metre."""
-    size = np.pi * 0 + (2 * radius * scale) ** 2
+    area = (2 * radius * scale) ** 2
     places = network.coordinates
 
-    def mark(which: BoolArray, gid: str, shape: str, grow: float = 1.0, **style: object) -> None:
+    def mark(which: BoolArray, gid: str, shape: str, grow: float = 1.0, **style: Any) -> None:
         if which.any():
             x, y = places[which].T
-            axes.scatter(
-                x, y, s=size[which] * grow**2, marker=shape, gid=gid, zorder=3, **style
-            )
+            axes.scatter(x, y, s=area[which] * grow**2, marker=shape, gid=gid, zorder=3, **style)
 
     if coverage is None:
         mark(np.ones(network.n, bool), "intersections", "o", c=INK, linewidths=0)
         return
     seen = ~coverage.blind & ~coverage.partly
     share = coverage.intersections
-    outline = {"edgecolors": INK, "linewidths": 0.9}
+    outline: dict[str, Any] = {"edgecolors": INK, "linewidths": 0.9}
     mark(seen, "always-observed", "o", c=WHITE, **outline)
     mark(
         coverage.partly,
@@ -118,25 +122,3 @@ def draw_intersections(
     )
     mark(coverage.blind, "never-observed", "s", 1.15, c=NEVER, **outline)
     mark(coverage.blind, "never-observed-crosses", "x", 0.75, c=WHITE, linewidths=2.0)
-
-
-def draw_names(axes: Axes, names: Sequence[str], places: FloatArray, radius: FloatArray) -> int:
-    """Write the names beside the marks, none over another; returns how many found no room.
-
-    All are of one size, the largest at which they have room between the roads.
-    """
-    assert axes.figure is not None
-    renderer = FigureCanvasAgg(axes.figure).get_renderer()
-    taken: list[tuple[int, Text]] = []
-    for size in np.arange(LARGEST, SMALLEST - 0.1, -0.5):
-        for _, text in taken:
-            text.remove()
-        taken = []
-        boxes: list[Bbox] = []
-        for name, place, reach in zip(names, places, radius, strict=True):
-            text = _place(axes, name, place, reach, float(size), boxes, renderer)
-            if text is not None:
-                taken.append((0, text))
-        if len(taken) == len(names):
-            break
-    return len(names) - len(taken)

@@ -21,7 +21,10 @@ WHITE = "#ffffff"
 NEVER = "#d55e00"
 SHARES = "YlGnBu"  # from light to dark
 
+HATCH = "//////"  # of lanes that never report
+
 POINTS = 72.0  # an inch
+THINNEST = 8.0  # the map is at most so many times as long as wide
 
 
 @dataclass(frozen=True)
@@ -52,10 +55,11 @@ def choose_sizes(network: Network, roads: Sequence[Road]) -> Sizes:
     most = max(len(road.lanes) for road in roads)
     lane = min(0.03 * block, 0.13 * block / most)
     margin = 1.2 * lane * most
-    low, high = low - margin, high + margin
-    missing = np.maximum((high - low).max() / 8 - (high - low), 0) / 2  # at most 8 times as long
-    left, bottom, right, top = (*(low - missing), *(high + missing))
-    return Sizes(lane, 0.8 * lane, block, (float(left), float(bottom), float(right), float(top)))
+    size = high - low + 2 * margin
+    size = np.maximum(size, size.max() / THINNEST)
+    left, bottom = ((low + high - size) / 2).tolist()
+    width, height = size.tolist()
+    return Sizes(lane, 0.8 * lane, block, (left, bottom, left + width, bottom + height))
 
 
 def _block(places: FloatArray, extent: float) -> float:
@@ -76,7 +80,8 @@ def radii(network: Network, roads: Sequence[Road], sizes: Sizes) -> FloatArray:
             for node in network.intersections
         ]
     )
-    return np.clip(1.15 * (most * sizes.lane + sizes.gap / 2), 0.1 * sizes.block, None)
+    reach: FloatArray = np.maximum(1.15 * (most * sizes.lane + sizes.gap / 2), 0.13 * sizes.block)
+    return reach
 
 
 def top_share(coverage: Coverage) -> float:

@@ -65,7 +65,8 @@ def _without_repeats(points: Sequence[tuple[float, float]]) -> FloatArray:
     """The points as a polyline without repeated ones; it keeps two points at least."""
     line: FloatArray = np.array(points, dtype=np.float64)[:, :2]
     moved = np.r_[True, np.any(np.diff(line, axis=0) != 0, axis=1)]
-    return line[moved] if moved.sum() > 1 else line[[0, -1]]
+    kept: FloatArray = line[moved] if moved.sum() > 1 else line[[0, -1]]
+    return kept
 
 
 def lane_offsets(road: Road, width: float, gap: float) -> FloatArray:
@@ -83,7 +84,7 @@ def beside(line: FloatArray, distance: float) -> FloatArray:
     """(K, 2): the polyline ``distance`` [m] to the right of ``line``, with mitred corners."""
     steps = np.diff(line, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])[:, None]
-    normals = np.c_[steps[:, 1], -steps[:, 0]] / np.where(lengths > 0, lengths, 1)
+    normals: FloatArray = np.c_[steps[:, 1], -steps[:, 0]] / np.where(lengths > 0, lengths, 1)
     corners = np.vstack([normals[:1], normals[:-1] + normals[1:], normals[-1:]])
     scale = (corners * np.vstack([normals[:1], normals])).sum(axis=1, keepdims=True)
     moved: FloatArray = line + distance * corners / np.maximum(scale, 0.25)
@@ -102,4 +103,5 @@ def last_part(line: FloatArray, start: float, end: float) -> FloatArray:
     first, last = (float(np.clip(along[-1] - d, 0, along[-1])) for d in (start, end))
     inner = line[(along > first) & (along < last)]
     cuts = [[np.interp(at, along, line[:, axis]) for axis in (0, 1)] for at in (first, last)]
-    return np.vstack([cuts[:1], inner, cuts[1:]])
+    part: FloatArray = np.vstack([cuts[:1], inner, cuts[1:]])
+    return part

@@ -1,5 +1,6 @@
 """A network in numbers, for people and for JSON."""
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
@@ -7,7 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from tsc_missing.network.coverage import Coverage
-from tsc_missing.network.model import Network
+from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.network.roads import Road
 from tsc_missing.network.slots import slot_name
 
@@ -86,13 +87,17 @@ def _signals(network: Network) -> tuple[SignalSummary, ...]:
 
 def _phases(network: Network, n: int) -> tuple[PhaseSummary, ...]:
     return tuple(
-        PhaseSummary(name=phase.name, slots=tuple(map(slot_name, np.flatnonzero(table))))
+        PhaseSummary(name=phase.name, slots=_names(table))
         for phase, table in zip(network.intersections[n].phases, network.phases[n], strict=False)
     )
 
 
 def _always_green(network: Network, n: int) -> tuple[str, ...]:
-    return tuple(map(slot_name, np.flatnonzero(network.free_slots[n])))
+    return _names(network.free_slots[n])
+
+
+def _names(slots: BoolArray) -> tuple[str, ...]:
+    return tuple(slot_name(int(slot)) for slot in np.flatnonzero(slots))
 
 
 def summarise_sensors(
@@ -103,7 +108,7 @@ def summarise_sensors(
         source=source,
         steps=steps,
         missing_share=round(coverage.share, 6),
-        never_observed=tuple(ids[n] for n in np.flatnonzero(coverage.blind)),
+        never_observed=tuple(itertools.compress(ids, coverage.blind.tolist())),
         partly_observed=int(coverage.partly.sum()),
         slots_never_observed=int(coverage.never.sum()),
     )

@@ -1,0 +1,176 @@
+"""Whatever a user gets wrong is one line, status 2, and leaves nothing behind."""
+
+import json
+import os
+
+import pytest
+
+from tests.cityflow_files import flow, grid_flows, grid_roadnet, road, write
+
+
+def refused(command, name, *arguments, words):
+    """Run it and check the refusal; ``words`` must all be in the one line."""
+    before = sorted(command.cwd.rglob("*"))
+    done = command(name, *arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert sorted(command.cwd.rglob("*")) == before
+    return done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--net", "jinann"], ["jinann", "did you mean jinan"]),
+        (["--net", "no/such/folder"], ["no/such/folder"]),
+        (["--controller", "max-queu"], ["max-queu", "did you mean max-queue?"]),
+        (["--imputer", "sfn"], ["sfn", "did you mean sfm?"]),
+        (["--blind", "fixed"], ["fixed", "fixed-time"]),
+        (["--missing", "krigin", "--rate", "0.1"], ["krigin", "did you mean kriging?"]),
+        (["--missing", "random", "--rate", "1.5"], ["--rate", "1.5", "less than or equal to 1"]),
+        (["--missing", "random", "--rate", "-0.1"], ["--rate", "-0.1"]),
+        (["--missing", "random", "--rate", "nan"], ["--rate", "nan"]),
+        (["--missing", "random", "--rate", "many"], ["rate", "many"]),
+        (["--missing", "random"], ["--rate", "random"]),
+        (["--rate", "0.5"], ["--rate", "--missing"]),
+        (["--missing", "kriging", "--rate", "0.9"], ["0.9", "at most", "adjacent"]),
+        (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["0.95", "2"]),
+        (["--mask", "none.npz"], ["mask", "none.npz"]),
+        (["--volume", "0"], ["--volume", "0"]),
+        (["--volume", "nan"], ["--volume", "nan"]),
+        (["--horizon", "0"], ["--horizon"]),
+        (["--yellow", "15"], ["yellow", "decision_interval"]),
+        (["--sensor", "radar"], ["--sensor", "radar", "area"]),
+        (["--sensor", "area", "--detector-length", "-5"], ["--detector-length", "-5"]),
+        (["--seed", "-1"], ["--seed", "-1"]),
+        (["--demand", "recorded", "--net", "jinan_1"], ["jinan_1", "tsc-net import"]),
+        (["--frobnicate"], ["--frobnicate"]),
+    ],
+)
+def test_tsc_run(command, arguments, words):
+    refused(command, "run", *arguments, words=words)
+
+
+def test_output_folders_that_cannot_be_written(command, small_net):
+    (command.cwd / "there").mkdir()
+    (command.cwd / "file").write_text("")
+    for out in ("there", "file", "file/below"):
+        refused(command, "run", "--net", small_net, "--out", out, words=["out", out])
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_output_without_permission(command, small_net):
+    locked = command.cwd / "locked"
+    locked.mkdir(mode=0o500)
+    refused(command, "run", "--net", small_net, "--out", locked / "x", words=["permission"])
+
+
+def test_a_mask_of_another_network(command, small_net):
+    done = command("run", "--net", small_net, "--horizon", 150, "--out", "a")
+    assert done.returncode == 0, done.stderr
+    mask = command.cwd / "a" / "mask.npz"
+    words = ["mask", "mask.npz"]
+    refused(command, "run", "--net", "jinan", "--mask", mask, words=words)
+    refused(command, "run", "--net", small_net, "--mask", mask, words=[*words, "40"])
+    cut = command.cwd / "cut.npz"
+    cut.write_bytes(mask.read_bytes()[:200])
+    refused(command, "run", "--net", small_net, "--mask", cut, words=["mask", "cut.npz"])
+
+
+def no_signals(net):
+    for node in net["intersections"]:
+        node["trafficLight"] = None
+
+
+def wrong_lane(net):
+    node = next(i for i in net["intersections"] if i["roadLinks"])
+    node["roadLinks"][0]["laneLinks"][0]["startLaneIndex"] = 9
+
+
+def wrong_link(net):
+    node = next(i for i in net["intersections"] if i["roadLinks"])
+    node["trafficLight"]["lightphases"][1]["availableRoadLinks"].append(99)
+
+
+def wrong_type(net):
+    node = next(i for i in net["intersections"] if i["roadLinks"])
+    node["roadLinks"][0]["type"] = "jump"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (no_signals, ["no intersection in it has signals"]),
+        (wrong_lane, ["lane link 9"]),
+        (wrong_link, ["road link 99"]),
+        (wrong_type, ["'jump'", "go_straight"]),
+        (lambda net: net.pop("roads"), ["roads", "Field required"]),
+        (lambda net: net["roads"].pop(), ["unknown road"]),
+    ],
+)
+def test_bad_road_networks(command, tmp_path, change, words):
+    content = grid_roadnet(1, 2)
+    change(content)
+    roadnet, flows = write(tmp_path, content, grid_flows(1, 2))
+    arguments = ("--roadnet", roadnet, "--flow", flows, "--out", "net")
+    refused(command, "net", "import", *arguments, words=["roadnet", *words])
+
+
+UNKNOWN = flow([road(0, 1, 0), "road_9_9_9"], 0)
+APART = flow([road(0, 1, 0), road(2, 1, 2)], 0)
+EARLY = {**flow([road(0, 1, 0)], 0), "startTime": -5}
+BACKWARD = flow([road(0, 1, 0)], 10, 5)
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ([UNKNOWN], ["unknown road road_9_9_9"]),
+        ([APART], ["no movement leads from"]),
+        ([EARLY], ["startTime"]),
+        ([BACKWARD], ["endTime 5 is before startTime 10"]),
+        ([{"vehicle": {}}], ["0.route"]),
+        ([], ["no vehicle"]),
+        ({"not": "a list"}, ["list"]),
+    ],
+)
+def test_bad_flows(command, tmp_path, entries, words):
+    roadnet, flows = write(tmp_path, grid_roadnet(1, 2), entries)
+    arguments = ("--roadnet", roadnet, "--flow", flows, "--out", "net")
+    refused(command, "net", "import", *arguments, words=["flow", *words])
+
+
+@pytest.mark.parametrize("content", ["{", '[{"route": ["a"', "no JSON", "\x00\xff"])
+def test_truncated_and_non_json_files(command, tmp_path, content):
+    roadnet, flows = write(tmp_path, grid_roadnet(1, 1), [])
+    flows.write_bytes(content.encode("latin-1"))
+    options = ("--roadnet", roadnet, "--flow", flows, "--out", "net")
+    refused(command, "net", "import", *options, words=["flow"])
+    options = ("--roadnet", flows, "--out", "net")
+    refused(command, "net", "import", *options, words=["roadnet"])
+
+
+def test_import_needs_a_place(command, small_files):
+    roadnet, flows = small_files
+    both = ("--roadnet", roadnet, "--flow", flows)
+    refused(command, "net", "import", *both, words=["--as", "--out"])
+    refused(command, "net", "import", *both, "--as", "a/b", words=["a/b"])
+    refused(command, "net", "import", "--roadnet", "none.json", "--out", "x", words=["none.json"])
+
+
+def test_network_folders_that_are_not_whole(command, small_net, tmp_path):
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    for file in small_net.iterdir():
+        (broken / file.name).write_bytes(file.read_bytes())
+    (broken / "network.json").write_text("{}")
+    refused(command, "run", "--net", broken, words=["network.json", "checksum"])
+    (broken / "network.json").unlink()
+    refused(command, "run", "--net", broken, words=["network.json", "missing"])
+    manifest = json.loads((broken / "manifest.json").read_text())
+    (broken / "manifest.json").write_text(json.dumps({**manifest, "colour": "red"}))
+    refused(command, "run", "--net", broken, words=["manifest.json", "colour"])

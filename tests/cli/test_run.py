@@ -1,0 +1,168 @@
+"""``tsc-run`` as it is used: the real command line on real SUMO."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "mask.npz"}
+
+
+def run_json(command, *arguments):
+    done = command("run", "--json", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return json.loads(done.stdout)
+
+
+def test_a_run_ends_with_a_table_and_a_whole_folder(command, small_net):
+    done = command(
+        "run", "--net", small_net, "--missing", "kriging", "--rate", 0.25, "--horizon", 300
+    )
+    assert done.returncode == 0, done.stderr
+    for words in ("kriging", "att_all", "att_approach", "written to runs/"):
+        assert words in done.stdout
+    (folder,) = (command.cwd / "runs").iterdir()
+    assert folder.name == "small-kriging-0.25-max-queue-seed0"
+    assert {file.name for file in folder.iterdir()} == RUN_FILES
+
+
+def test_json_is_the_only_output_and_is_what_run_json_says(command, small_net):
+    out = run_json(command, "--net", small_net, "--horizon", 300, "--out", "here")
+    written = json.loads((command.cwd / "here" / "run.json").read_text())
+    assert out.pop("out") == "here"
+    assert out == written
+    assert out["settings"]["horizon"] == 300
+    assert out["result"]["missing_share"] == 0
+    assert set(out["checksums"]) >= {"net.net.xml", "network.json", "routes.rou.xml"}
+    assert out["versions"]["libsumo"]
+
+
+def test_same_seed_same_bytes_other_seed_other_trips(command, small_net):
+    options = ("--net", small_net, "--horizon", 450, "--missing", "random", "--rate", 0.5)
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        run_json(command, *options, "--seed", seed, "--out", name)
+    read = {n: (command.cwd / n / "trips.parquet").read_bytes() for n in "abc"}
+    assert read["a"] == read["b"] != read["c"]
+
+
+def test_a_mask_can_be_replayed(command, small_net):
+    options = ("--net", small_net, "--horizon", 300)
+    drawn = run_json(
+        command, *options, "--missing", "mixed", "--rate", 0.4, "--mean-outage", 3, "--out", "a"
+    )
+    mask = command.cwd / "a" / "mask.npz"
+    again = run_json(command, *options, "--mask", mask, "--out", "b", "--seed", 7)
+    assert again["mask"] == "replayed"
+    assert again["result"]["att_all"] == drawn["result"]["att_all"]
+    assert (command.cwd / "b" / "mask.npz").read_bytes() == mask.read_bytes()
+
+
+def test_decisions_hold_truth_estimates_and_what_was_observed(command, small_net):
+    options = ("--missing", "random", "--rate", 0.5, "--blind", "none", "--horizon", 300)
+    result = run_json(command, "--net", small_net, *options, "--out", "a")["result"]
+    rows = pq.read_table(command.cwd / "a" / "decisions.parquet").to_pydict()
+    assert len(rows["step"]) == 20 * 6
+    observed = np.array(rows["observed"])
+    truth, estimated = np.array(rows["vehicles"]), np.array(rows["estimated_vehicles"])
+    np.testing.assert_array_equal(truth[observed], estimated[observed])
+    error = np.abs(truth - estimated)[~observed].mean()
+    assert result["imputation_mae"] == pytest.approx(error, rel=1e-6)
+    assert result["missing_share"] == pytest.approx(1 - observed.mean())
+    assert set(rows["phase"]) <= {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        "fixed-time",
+        "fixed-time-15",
+        "fixed-time-30",
+        "max-queue",
+        "max-pressure",
+        "advanced-max-pressure",
+        "random",
+        "actuated",
+        "delay_based",
+    ],
+)
+def test_every_controller_runs_without_an_accident(command, small_net, controller):
+    result = run_json(command, "--net", small_net, "--controller", controller, "--horizon", 450)[
+        "result"
+    ]
+    assert result["demand"] > 100
+    assert result["finished"] > 0
+    assert result["collisions"] == result["teleports"] == result["fallbacks"] == 0
+
+
+@pytest.mark.parametrize("pattern", ["random", "kriging", "lane", "burst", "mixed"])
+@pytest.mark.parametrize("imputer", ["sfm", "last", "mean"])
+def test_every_pattern_and_imputer(command, small_net, pattern, imputer):
+    options = ("--missing", pattern, "--rate", 0.3, "--imputer", imputer, "--blind", "none")
+    result = run_json(command, "--net", small_net, *options, "--horizon", 150)["result"]
+    assert 0 < result["missing_share"] < 0.8
+    assert np.isfinite(result["imputation_mae"])
+    assert result["fallbacks"] == 0
+
+
+def test_area_detectors_as_long_as_the_lane_measure_the_lane(command, small_net):
+    options = ("--net", small_net, "--horizon", 300)
+    lane = run_json(command, *options, "--out", "lane")
+    area = run_json(
+        command, *options, "--sensor", "area", "--detector-length", 1000, "--out", "area"
+    )
+    assert lane["result"]["att_all"] == area["result"]["att_all"]
+    short = run_json(command, *options, "--sensor", "area", "--detector-length", 30)
+    assert short["result"]["mean_queue"] < lane["result"]["mean_queue"]
+
+
+def test_signal_options_change_the_signals(command, small_net):
+    options = ("--net", small_net, "--horizon", 300, "--controller", "random")
+    plain = run_json(command, *options)["result"]
+    careful = run_json(command, *options, "--all-red", 3, "--min-green", 30)["result"]
+    assert careful["held_greens"] > 0 == plain["held_greens"]
+    assert careful["att_all"] != plain["att_all"]
+
+
+def test_import_under_a_name_then_run_it(command, small_files):
+    roadnet, flow = small_files
+    named = ("--roadnet", roadnet, "--flow", flow, "--as", "town", "--horizon", 600)
+    done = command("net", "import", *named)
+    assert done.returncode == 0, done.stderr
+    assert "6 intersections" in done.stdout
+    result = run_json(command, "--net", "town", "--demand", "recorded", "--horizon", 150)
+    assert result["scenario"] == "town"
+    again = command("net", "import", *named)
+    assert again.returncode == 2
+
+
+def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "tsc_missing.cli.run",
+            *("--net", str(small_net), "--horizon", "100000", "--out", "runs/one"),
+        ],
+        cwd=command.cwd,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list((command.cwd).glob("runs/.one.*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert re.fullmatch(r"error: interrupted[^\n]*\n", errors)
+    assert list(command.cwd.iterdir()) == []
+    assert not list(tmp_path.glob("tsc-*"))

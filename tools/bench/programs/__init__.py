@@ -1,0 +1,1 @@
+"""The programs that are measured, or that prepare a measurement; each runs as its own process."""

@@ -1,0 +1,132 @@
+"""``tsc-net show``: a network as a picture and in numbers."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
+
+if TYPE_CHECKING:
+    from tsc_missing.evaluation.overview import Overview
+
+DEFAULT = RunSettings()
+
+
+def show(
+    net: Annotated[
+        str,
+        typer.Argument(
+            help="A network's name (jinan, hangzhou_2, …) or a network folder.",
+            metavar="NET",
+            show_default=False,
+        ),
+    ],
+    demand: Annotated[
+        str, typer.Option(help="profile (bundled), recorded (imported), or auto.")
+    ] = DEFAULT.demand,
+    missing: Annotated[
+        str,
+        typer.Option(help="Show missing sensors: none, random, kriging, lane, burst or mixed."),
+    ] = DEFAULT.missing.pattern,
+    rate: Annotated[
+        float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
+    ] = None,
+    adjacent: Annotated[
+        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
+    ] = DEFAULT.missing.adjacent,
+    mean_outage: Annotated[
+        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
+    ] = DEFAULT.missing.mean_outage,
+    mask: Annotated[
+        Path | None, typer.Option(help="Show the missing sensors of this mask.npz.")
+    ] = None,
+    run: Annotated[
+        Path | None, typer.Option(help="Show the missing sensors of this run folder.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of demand and mask.")] = DEFAULT.seed,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The picture to write: .png, .svg or .pdf. [default: NAME.png]"),
+    ] = None,
+    labels: Annotated[
+        bool, typer.Option("--labels", help="Write the intersections' ids into the picture.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object and nothing else.")
+    ] = False,
+) -> None:
+    """Draw a network, and which of its sensors are missing, and print it in numbers."""
+    from tsc_missing.cli.run import make_settings
+    from tsc_missing.evaluation.overview import look_at
+    from tsc_missing.network.picture import check_picture_path, draw_network, save_picture
+
+    settings = make_settings(
+        net=net,
+        demand=demand,
+        missing={
+            "pattern": missing,
+            "rate": _rate(missing, rate, mask, run),
+            "adjacent": adjacent,
+            "mean_outage": mean_outage,
+        },
+        seed=seed,
+    )
+    if out is not None:
+        check_picture_path(out, "--out")
+    overview = look_at(settings, mask, run)
+    target = out if out is not None else Path(f"{overview.summary.name}.png")
+    figure = draw_network(
+        overview.network,
+        overview.roads,
+        overview.summary.name,
+        caption(overview),
+        overview.coverage,
+        labels,
+    )
+    save_picture(figure, target, "--out")
+    _print(overview, target, as_json)
+
+
+def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None) -> float:
+    """The rate, once it is clear that there is one source of missing sensors and not more."""
+    given = {"--missing": pattern != "none", "--mask": mask is not None, "--run": run is not None}
+    chosen = [option for option, is_given in given.items() if is_given]
+    if len(chosen) > 1:
+        raise UserError(chosen[1], mask if chosen[1] == "--mask" else run, f"{chosen[0]} is given")
+    if pattern == "none" and rate:
+        raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
+    if pattern != "none" and rate is None:
+        raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
+    return rate or 0.0
+
+
+def caption(overview: "Overview") -> str:
+    """What the picture shows, in a sentence."""
+    summary = overview.summary
+    count = summary.network.intersections
+    if summary.sensors is None:
+        return f"{count} intersections, {summary.network.roads} roads"
+    sensors, blind = summary.sensors, len(summary.sensors.never_observed)
+    counts = [
+        *([f"{blind} never"] if blind or not sensors.partly_observed else []),
+        *([f"{sensors.partly_observed} partly"] if sensors.partly_observed else []),
+    ]
+    return (
+        f"{sensors.source}: of {count} intersections {' and '.join(counts)} observed; "
+        f"{100 * sensors.missing_share:.1f} % of readings missing"
+    )
+
+
+def _print(overview: "Overview", picture: Path, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        json.dump({**overview.summary.model_dump(mode="json"), "out": str(picture)}, sys.stdout)
+        sys.stdout.write("\n")
+        return
+    from tsc_missing.cli.net_table import print_summary
+
+    print_summary(overview.summary, picture)

@@ -1,0 +1,76 @@
+"""The tables that ``tsc-net show`` prints."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tsc_missing.evaluation.overview import Summary
+from tsc_missing.network.summary import NetworkSummary, SensorSummary
+
+
+def print_summary(summary: Summary, picture: Path) -> None:
+    """Print a network in numbers, its phases, and where its picture is, to standard output."""
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{summary.name} ({summary.kind})\n", markup=False)
+    console.print(_table(rows(summary)))
+    most_common = summary.network.signals[0]
+    others = summary.network.intersections - most_common.intersections
+    console.print(f"\nphases of {most_common.intersections} intersections", markup=False)
+    console.print(_table(phase_rows(summary.network)))
+    if others:
+        kinds = len(summary.network.signals) - 1
+        console.print(f"{others} intersections have other phases ({kinds} kinds)", markup=False)
+    console.print(f"\nwritten to {picture}", markup=False)
+
+
+def _table(lines: Sequence[tuple[str, ...]]) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for row in lines:
+        table.add_row(*row)
+    return table
+
+
+def rows(summary: Summary) -> list[tuple[str, str, str]]:
+    """Name, value and meaning of what is worth showing."""
+    network = summary.network
+    lines = [
+        ("intersections", f"{network.intersections}", "with signals"),
+        ("entrance lanes", f"{network.entrance_lanes}", "a sensor each"),
+        ("movement slots", f"{network.slots_present}", f"present; {network.slots_absent} absent"),
+        ("roads", f"{network.roads}", "each direction counts"),
+        ("entries", f"{network.boundary_entries}", "roads by which vehicles come from outside"),
+        (
+            "length",
+            f"{network.road_length / 1000:.2f} km",
+            f"of roads; {network.lane_length / 1000:.2f} km of lanes",
+        ),
+    ]
+    if summary.demand is not None:
+        demand = summary.demand
+        what = f"vehicles in {demand.horizon} s, {demand.kind}"
+        lines.append(("demand", f"{demand.vehicles}", what))
+    else:
+        lines.append(("demand", "none", ""))
+    return lines + (_sensor_rows(summary.sensors) if summary.sensors is not None else [])
+
+
+def _sensor_rows(sensors: SensorSummary) -> list[tuple[str, str, str]]:
+    return [
+        (
+            "missing",
+            f"{100 * sensors.missing_share:.1f} %",
+            f"of readings in {sensors.steps} steps, {sensors.source}",
+        ),
+        ("never observed", f"{len(sensors.never_observed)}", "intersections"),
+        ("partly observed", f"{sensors.partly_observed}", "intersections"),
+        ("blind slots", f"{sensors.slots_never_observed}", "movement slots that never report"),
+    ]
+
+
+def phase_rows(network: NetworkSummary) -> list[tuple[str, str]]:
+    """Name and slots of each phase of the most common kind of intersection."""
+    kind = network.signals[0]
+    lines = [(phase.name, ", ".join(phase.slots)) for phase in kind.phases]
+    return lines + ([("always", ", ".join(kind.always_green))] if kind.always_green else [])

@@ -1,0 +1,155 @@
+"""Intersections' names in a picture, beside their marks and never one over another."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
+from matplotlib.transforms import Bbox
+
+from tsc_missing.network.model import FloatArray
+from tsc_missing.network.picture_style import INK
+
+SIZES = tuple(np.arange(9.0, 5.9, -0.5).tolist())  # [points]
+SMALL_SIZES = tuple(np.arange(6.0, 4.4, -0.5).tolist())
+CORNERS = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # right and above the mark first
+
+Place = tuple[float, float, int, int]  # x, y [pixels], and the corner of the mark
+
+
+class Obstacles:
+    """Areas of the picture [pixels] that a name may not touch."""
+
+    def __init__(self, outlines: Sequence[FloatArray]) -> None:
+        self._outlines = [Outline(outline) for outline in outlines]
+        boxes = [(*o.min(axis=0), *o.max(axis=0)) for o in outlines]
+        self._boxes: FloatArray = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+
+    def touch(self, box: Bbox) -> bool:
+        """Whether any of them and the box overlap."""
+        low, high = self._boxes[:, :2], self._boxes[:, 2:]
+        near = np.all((low < box.max) & (high > box.min), axis=1)
+        return any(self._outlines[k].intersects_bbox(box) for k in np.flatnonzero(near))
+
+
+def draw_names(
+    figure: Figure,
+    axes: Axes,
+    names: Sequence[str],
+    places: FloatArray,
+    radius: FloatArray,
+    roads: Sequence[FloatArray],
+) -> str:
+    """Write the names of the marks at ``places`` (N, 2) [m] with ``radius`` (N,) [m].
+
+    All are of one size, the largest at which they keep clear of each other, of the marks and of
+    the ``roads``' outlines [m]. Where that is impossible the part that all names begin with is
+    left out, then they may lie on roads, and at last some are left out. Returns what a reader has
+    to know of it, or nothing.
+    """
+    centres = axes.transData.transform(places)
+    reach = axes.transData.transform(np.c_[places[:, 0] + radius, places[:, 1]])[:, 0]
+    reach = reach - centres[:, 0]
+    squares = [_square(centre, r) for centre, r in zip(centres, reach, strict=True)]
+    clear = Obstacles([*squares, *map(axes.transData.transform, roads)])
+    prefix = common_prefix(names)
+    short = [name.removeprefix(prefix) for name in names]
+    attempts = [
+        (shown, size, obstacles)
+        for shown, sizes, obstacles in (
+            (list(names), SIZES, clear),
+            (short, SIZES, clear),
+            (short, SMALL_SIZES, Obstacles(squares)),
+        )
+        for size in sizes
+    ]
+    for shown, size, obstacles in attempts:
+        boxes = _text_sizes(figure, shown, size)
+        found = _arrange(figure, centres, reach, boxes, obstacles)
+        if None not in found:
+            break
+    _write(figure, shown, found, size)
+    return _note(prefix if shown is short else "", found.count(None))
+
+
+def common_prefix(names: Sequence[str]) -> str:
+    """What all names begin with, up to a separator; nothing if that is short."""
+    first, last = min(names), max(names)  # what these two share, all between them share
+    length = next(
+        (k for k, pair in enumerate(zip(first, last, strict=False)) if len({*pair}) > 1), 0
+    )
+    end = re.search(r".*[_\-/:.# ]", first[:length])
+    return end.group() if end and len(end.group()) > 2 else ""
+
+
+def _square(centre: FloatArray, reach: float) -> FloatArray:
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    outline: FloatArray = centre + 0.95 * reach * corners
+    return outline
+
+
+def _text_sizes(figure: Figure, names: Sequence[str], size: float) -> FloatArray:
+    """(N, 2): width and height of each name [pixels]."""
+    probe = figure.text(0, 0, "", size=size, parse_math=False)
+    extents = []
+    for name in names:
+        probe.set_text(name)
+        box = probe.get_window_extent()
+        extents.append((box.width, box.height))
+    probe.remove()
+    return np.array(extents)
+
+
+def _arrange(
+    figure: Figure, centres: FloatArray, reach: FloatArray, sizes: FloatArray, obstacles: Obstacles
+) -> list[Place | None]:
+    """A place for each name, as far as there is room for it."""
+    page = figure.bbox
+    taken: list[Bbox] = []
+    found: list[Place | None] = []
+    for centre, r, (width, height) in zip(centres, reach, sizes, strict=True):
+        place = None
+        for right, up in CORNERS:
+            x, y = centre[0] + right * (r + 1), centre[1] + up * (r + 1)
+            box = Bbox.from_extents(
+                min(x, x + right * width),
+                min(y, y + up * height),
+                max(x, x + right * width),
+                max(y, y + up * height),
+            )
+            inside = page.x0 <= box.x0 and box.x1 <= page.x1
+            if inside and not obstacles.touch(box) and not any(box.overlaps(b) for b in taken):
+                place = (x, y, right, up)
+                taken.append(box)
+                break
+        found.append(place)
+    return found
+
+
+def _write(
+    figure: Figure, names: Sequence[str], places: Sequence[Place | None], size: float
+) -> None:
+    for name, place in zip(names, places, strict=True):
+        if place is None:
+            continue
+        x, y, right, up = place
+        figure.text(
+            x / figure.bbox.width,
+            y / figure.bbox.height,
+            name,
+            size=size,
+            color=INK,
+            ha="left" if right > 0 else "right",
+            va="bottom" if up > 0 else "top",
+            parse_math=False,
+            gid="name",
+        )
+
+
+def _note(prefix: str, left_out: int) -> str:
+    notes = [f"names without “{prefix}”"] if prefix else []
+    if left_out:
+        notes.append(f"{left_out} names left out, no room")
+    return "; ".join(notes)
