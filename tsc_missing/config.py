@@ -14,23 +14,22 @@ class Settings(BaseModel):
 class VehicleType(Settings):
     """The car of all scenarios and how it enters.
 
-    The recorded flows name length, gap, acceleration, deceleration and speed; ``tau`` and the
-    insertion were calibrated once for all datasets (``docs/experiments.md``).
+    The recorded flows name length, gap, deceleration, speed and headway; the acceleration (2 in
+    the flows), the start-up delay and the lane changing were calibrated once for all datasets
+    against CityFlow (``docs/experiments.md``).
     """
 
     length: float = Field(5.0, gt=0)  # [m]
     min_gap: float = Field(2.5, ge=0)  # [m]
-    accel: float = Field(2.0, gt=0)  # [m/s2]
+    accel: float = Field(1.7, gt=0)  # [m/s2]
     decel: float = Field(4.5, gt=0)  # [m/s2]
     max_speed: float = Field(11.111, gt=0)  # [m/s]
     tau: float = Field(2.0, gt=0)  # [s], wished headway
     sigma: float = Field(0.0, ge=0, le=1)  # driver imperfection
     speed_deviation: float = Field(0.0, ge=0)
-    startup_delay: float = Field(0.0, ge=0)  # [s] from green to moving, for each vehicle
-    lc_keep_right: float = Field(0.0, ge=0)
-    lc_cooperative: float = 1.0
-    lc_strategic: float = 1.0
-    lc_speed_gain: float = 1.0
+    startup_delay: float = Field(0.5, ge=0)  # [s] between being able to start and starting
+    lc_keep_right: float = Field(0.0, ge=0)  # SUMO's eagerness to keep to the right lane
+    lc_speed_gain: float = Field(0.0, ge=0)  # and to change lanes in order to drive faster
     depart_lane: str = "best"
     depart_speed: str = "max"
     depart_pos: str = "base"
@@ -42,8 +41,8 @@ class VehicleType(Settings):
             f'accel="{self.accel:g}" decel="{self.decel:g}" maxSpeed="{self.max_speed:g}" '
             f'tau="{self.tau:g}" sigma="{self.sigma:g}" speedFactor="1" '
             f'speedDev="{self.speed_deviation:g}" startupDelay="{self.startup_delay:g}" '
-            f'lcKeepRight="{self.lc_keep_right:g}" lcCooperative="{self.lc_cooperative:g}" '
-            f'lcStrategic="{self.lc_strategic:g}" lcSpeedGain="{self.lc_speed_gain:g}"/>'
+            f'lcKeepRight="{self.lc_keep_right:g}" '
+            f'lcSpeedGain="{self.lc_speed_gain:g}"/>'
         )
 
 

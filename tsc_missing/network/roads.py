@@ -93,7 +93,8 @@ def beside(line: FloatArray, distance: float) -> FloatArray:
 
 def band(line: FloatArray, left: float, right: float) -> FloatArray:
     """(2K, 2): the outline of the band between two distances [m] to the right of ``line``."""
-    return np.vstack([beside(line, left), beside(line, right)[::-1]])
+    outline: FloatArray = np.vstack([beside(line, left), beside(line, right)[::-1]])
+    return outline
 
 
 def last_part(line: FloatArray, start: float, end: float) -> FloatArray:

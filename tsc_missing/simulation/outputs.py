@@ -113,7 +113,7 @@ class Totals:
     emergency_brakings: int
     vehicles: int  # inserted
     travel_time: float  # [s] from insertion on, summed over inserted vehicles
-    depart_delay: float  # [s] summed over inserted vehicles
+    depart_delay: float  # [s] summed over all vehicles, inserted or not
 
 
 def read_totals(path: Path) -> Totals:
