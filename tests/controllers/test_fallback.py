@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -202,6 +202,7 @@ ANSWERS = st.one_of(
 )
 
 
+@settings(deadline=None)
 @given(answer=ANSWERS, holes=hnp.arrays(bool, (2, 12)), step=st.integers(0, 1000))
 def test_whatever_goes_in_legal_phases_come_out(answer, holes, step):
     controller = safe(answer)

@@ -22,6 +22,7 @@ from tsc_missing.diffusion.config import DiffLightConfig, Precision
 from tsc_missing.diffusion.difflight import DiffLightModel
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.history import History
+from tsc_missing.diffusion.memory import keep_freed_memory
 
 PHASES = 4
 SLOTS = 12
@@ -153,6 +154,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     torch.manual_seed(0)
+    keep_freed_memory()
     timed = Stopwatch(options.clock, options.repeats)
     config = DiffLightConfig.model_validate_json(options.config)
     model = DiffLightModel(config)

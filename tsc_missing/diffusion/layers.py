@@ -15,22 +15,24 @@ class Dense(nn.Linear):
         return nnf.linear(x, self.weight.to(x.dtype), self.bias.to(x.dtype))
 
 
-class Projection(Dense):
-    """A linear layer to queries, keys and values whose queries come out divided by sqrt(d)."""
+class Projection(nn.Module):
+    """``parts`` of queries, keys and values without biases; the queries divided by sqrt(d)."""
 
     scale: Tensor
 
-    def __init__(self, width: int, heads: int, parts: int) -> None:
-        """``parts`` times ``width`` outputs; the first ``width`` are the queries."""
-        super().__init__(width, parts * width)
-        scale = torch.ones(parts * width)
-        scale[:width] = (width // heads) ** -0.5
+    def __init__(self, width: int, heads: int, parts: str) -> None:
+        """``parts`` are letters: "q", "kv" or "qkv"; each is ``width`` wide."""
+        super().__init__()
+        self.weight = nn.Parameter(torch.empty(len(parts) * width, width))
+        nn.init.uniform_(self.weight, -(width**-0.5), width**-0.5)
+        scale = torch.ones(len(parts) * width, 1)
+        if parts.startswith("q"):
+            scale[:width] = (width // heads) ** -0.5
         self.register_buffer("scale", scale, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """(…, D) to (…, parts * D)."""
-        weight = self.weight * self.scale.unsqueeze(1)
-        return nnf.linear(x, weight.to(x.dtype), (self.bias * self.scale).to(x.dtype))
+        return nnf.linear(x, (self.weight * self.scale).to(x.dtype))
 
 
 def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:

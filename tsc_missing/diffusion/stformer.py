@@ -30,11 +30,11 @@ class EncoderLayer(nn.Module):
         super().__init__()
         width = config.width
         self.heads = config.heads
-        self.query = Projection(width, config.heads, parts=1) if config.neighbours else None
-        self.neighbour_kv = Dense(width, 2 * width)
+        self.query = Projection(width, config.heads, "q") if config.neighbours else None
+        self.neighbour_kv = Projection(width, config.heads, "kv")
         self.cross_out = Dense(width, width)
-        self.spatial = Projection(width, config.heads, parts=3)
-        self.temporal = Projection(width, config.heads, parts=3)
+        self.spatial = Projection(width, config.heads, "qkv")
+        self.temporal = Projection(width, config.heads, "qkv")
         self.mlp = mlp(2 * width, config.hidden, width)
 
     def cross(self, e: Tensor, steps: Tensor, neighbours: Tensor) -> Tensor:

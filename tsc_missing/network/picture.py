@@ -28,7 +28,7 @@ from tsc_missing.network.picture_legend import (
 )
 from tsc_missing.network.picture_marks import draw_intersections, draw_lanes, draw_roads, road_band
 from tsc_missing.network.picture_names import draw_names
-from tsc_missing.network.picture_style import POINTS, Sizes, choose_sizes, radii, top_share
+from tsc_missing.network.picture_style import POINTS, Sizes, choose_sizes, top_share
 from tsc_missing.network.roads import Road
 
 SUFFIXES = (".pdf", ".png", ".svg")
@@ -36,7 +36,7 @@ DPI = 200
 MARGIN = 0.3  # [inches]
 GUTTER = 0.25  # [inches], between the map and what stands beside it
 COLUMN = 2.6  # [inches], what stands beside a tall map
-MEDIUM, LONG = 7.5, 10.5  # [inches], the longer side of the map, and of long thin ones
+SHORT, LONG = 5.0, 10.5  # [inches], the longer side of the map, by the number of blocks
 SCALE_BAR = 1.7  # [inches], at most
 WIDE = 1.2  # width by height, from where on the legend stands below
 NO_DATES = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
@@ -53,6 +53,11 @@ class Layout:
     colours: Inches  # top left corner of the colour bar, where there is one
     metres: Inches  # left end of the scale bar
     scale: float  # inches a metre
+
+    @property
+    def points(self) -> float:
+        """Points a metre."""
+        return POINTS * self.scale
 
 
 def draw_network(
@@ -76,14 +81,13 @@ def draw_network(
     figure = Figure(figsize=layout.figure, dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     axes = _map_axes(figure, layout, sizes)
-    radius = radii(network, roads, sizes)
     draw_roads(axes, roads, sizes)
     if coverage is not None:
-        draw_lanes(axes, network, roads, sizes, radius, coverage, shares)
-    draw_intersections(axes, network, radius, POINTS * layout.scale, coverage, shares)
+        draw_lanes(axes, network, roads, sizes, layout.points, coverage, shares)
+    draw_intersections(axes, network, sizes, layout.points, coverage, shares)
     if names:
         bands = [road_band(road, sizes) for road in roads]
-        note = draw_names(figure, axes, network.ids, network.coordinates, radius, bands)
+        note = draw_names(figure, axes, network.ids, network.coordinates, sizes.radius, bands)
         entries += [nothing_with(note)] if note else []
     add_title(figure, layout.title, layout.figure[0] - 2 * MARGIN, name, caption)
     add_legend(figure, layout.legend, entries)
@@ -100,7 +104,8 @@ def choose_layout(sizes: Sizes, lines: int, colours: bool, caption: str) -> Layo
     """
     aspect = sizes.width / sizes.height
     wide = aspect >= WIDE
-    longest = LONG if max(aspect, 1 / aspect) > 2.5 else MEDIUM
+    blocks = max(sizes.width, sizes.height) / sizes.block
+    longest = min(max(SHORT, 3.5 + 0.4 * blocks), LONG)
     width, height = (longest, longest / aspect) if wide else (longest * aspect, longest)
     page = width if wide else max(width + GUTTER + COLUMN, COLUMN)
     legend, bars = LINE * lines, 0.35 + 0.8 * colours

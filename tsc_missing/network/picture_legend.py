@@ -25,7 +25,7 @@ Inches = tuple[float, float]  # from the figure's left and bottom
 
 def legend_entries(n: int, coverage: Coverage | None) -> list[tuple[Any, str]]:
     """A sample and words for everything that the map shows of ``n`` intersections."""
-    entries: list[tuple[Any, str]] = [(Patch(facecolor=ROAD), "road, as wide as its lanes")]
+    entries: list[tuple[Any, str]] = [(Patch(facecolor=ROAD), "road, a band for each direction")]
     if coverage is None:
         return [*entries, (_dot(INK, INK), f"intersection with signals ({n})")]
     partly, blind = int(coverage.partly.sum()), int(coverage.blind.sum())

@@ -13,6 +13,7 @@ from tsc_missing.network.model import BoolArray, FloatArray, Network
 from tsc_missing.network.picture_style import HATCH, INK, NEVER, ROAD, SHARES, WHITE, Sizes
 from tsc_missing.network.roads import Road, band, lane_offsets, last_part
 
+ALWAYS = 1 - 1e-9  # a mean of slots that are always missing
 LANE_END = 0.26  # blocks, the length of a lane's end that shows its share
 
 
@@ -40,19 +41,20 @@ def draw_lanes(
     network: Network,
     roads: Sequence[Road],
     sizes: Sizes,
-    radius: FloatArray,
+    scale: float,
     coverage: Coverage,
     colours: Normalize,
 ) -> None:
     """The last part of each entrance lane in the colour of its share of missing readings.
 
-    Only at intersections whose slots differ; lanes that never report are hatched.
+    Only at intersections whose slots differ; lanes that never report are hatched. The map has
+    ``scale`` points a metre.
     """
     table = lane_shares(network, coverage)
-    ends = _lane_ends(network, roads, sizes, radius, np.flatnonzero(coverage.uneven).tolist())
-    seen = [lane for lane in ends if lane in table and table[lane] < 1]
-    never = [lane for lane in ends if lane in table and table[lane] >= 1]
-    edge: dict[str, Any] = {"edgecolor": WHITE, "linewidth": 0.4}
+    ends = _lane_ends(network, roads, sizes, np.flatnonzero(coverage.uneven).tolist())
+    seen = [lane for lane in ends if lane in table and table[lane] < ALWAYS]
+    never = [lane for lane in ends if lane in table and table[lane] >= ALWAYS]
+    edge: dict[str, Any] = {"edgecolor": WHITE, "linewidth": min(0.4, 0.12 * sizes.lane * scale)}
     if seen:
         shares = np.array([table[lane] for lane in seen])
         style = {**edge, "array": shares, "cmap": SHARES, "norm": colours}
@@ -66,14 +68,13 @@ def _lane_ends(
     network: Network,
     roads: Sequence[Road],
     sizes: Sizes,
-    radius: FloatArray,
     chosen: Sequence[int],
 ) -> dict[str, FloatArray]:
     """The outlines of the last parts of the lanes that lead to the ``chosen`` intersections."""
     goal = {road: n for n in chosen for road in network.intersections[n].roads}
     half, ends = sizes.lane / 2, {}
     for road in (road for road in roads if road.id in goal):
-        reach = float(radius[goal[road.id]])
+        reach = float(sizes.radius[goal[road.id]])
         part = last_part(road.line, reach + LANE_END * sizes.block, reach)
         for lane, offset in zip(road.lanes, lane_offsets(road, sizes.lane, sizes.gap), strict=True):
             ends[lane] = band(part, offset - half, offset + half)
@@ -90,13 +91,13 @@ def lane_shares(network: Network, coverage: Coverage) -> dict[str, float]:
 def draw_intersections(
     axes: Axes,
     network: Network,
-    radius: FloatArray,
+    sizes: Sizes,
     scale: float,
     coverage: Coverage | None,
     colours: Normalize,
 ) -> None:
-    """A mark for each intersection; ``radius`` [m] is drawn at ``scale`` points a metre."""
-    area = (2 * radius * scale) ** 2
+    """A mark for each intersection; the map has ``scale`` points a metre."""
+    area = (2 * sizes.radius * scale) ** 2
     places = network.coordinates
 
     def mark(which: BoolArray, gid: str, shape: str, grow: float = 1.0, **style: Any) -> None:

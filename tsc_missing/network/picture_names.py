@@ -7,13 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
+from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 
 from tsc_missing.network.model import FloatArray
-from tsc_missing.network.picture_style import INK
+from tsc_missing.network.picture_style import INK, WHITE
 
 SIZES = tuple(np.arange(9.0, 5.9, -0.5).tolist())  # [points]
-SMALL_SIZES = tuple(np.arange(6.0, 4.4, -0.5).tolist())
+SMALL_SIZES = (5.5, 5.0, 4.5)
 CORNERS = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # right and above the mark first
 
 Place = tuple[float, float, int, int]  # x, y [pixels], and the corner of the mark
@@ -46,8 +47,8 @@ def draw_names(
 
     All are of one size, the largest at which they keep clear of each other, of the marks and of
     the ``roads``' outlines [m]. Where that is impossible the part that all names begin with is
-    left out, then they may lie on roads, and at last some are left out. Returns what a reader has
-    to know of it, or nothing.
+    left out, then some lie on roads, then they get smaller, and at last some are left out.
+    Returns what a reader has to know of it, or nothing.
     """
     centres = axes.transData.transform(places)
     reach = axes.transData.transform(np.c_[places[:, 0] + radius, places[:, 1]])[:, 0]
@@ -56,18 +57,14 @@ def draw_names(
     clear = Obstacles([*squares, *map(axes.transData.transform, roads)])
     prefix = common_prefix(names)
     short = [name.removeprefix(prefix) for name in names]
+    marks = Obstacles(squares)
     attempts = [
-        (shown, size, obstacles)
-        for shown, sizes, obstacles in (
-            (list(names), SIZES, clear),
-            (short, SIZES, clear),
-            (short, SMALL_SIZES, Obstacles(squares)),
-        )
-        for size in sizes
+        *((list(names), size, (clear,)) for size in SIZES),
+        *((short, size, (clear,)) for size in SIZES),
+        *((short, size, (clear, marks)) for size in (*SIZES, *SMALL_SIZES)),
     ]
     for shown, size, obstacles in attempts:
-        boxes = _text_sizes(figure, shown, size)
-        found = _arrange(figure, centres, reach, boxes, obstacles)
+        found = _arrange(figure, centres, reach, _text_sizes(figure, shown, size), obstacles)
         if None not in found:
             break
     _write(figure, shown, found, size)
@@ -103,29 +100,40 @@ def _text_sizes(figure: Figure, names: Sequence[str], size: float) -> FloatArray
 
 
 def _arrange(
-    figure: Figure, centres: FloatArray, reach: FloatArray, sizes: FloatArray, obstacles: Obstacles
+    figure: Figure,
+    centres: FloatArray,
+    reach: FloatArray,
+    sizes: FloatArray,
+    obstacles: Sequence[Obstacles],
 ) -> list[Place | None]:
-    """A place for each name, as far as there is room for it."""
-    page = figure.bbox
+    """A place for each name, as far as there is room for it.
+
+    It keeps clear of the first of the ``obstacles`` where it can, and else of the next.
+    """
     taken: list[Bbox] = []
     found: list[Place | None] = []
-    for centre, r, (width, height) in zip(centres, reach, sizes, strict=True):
-        place = None
-        for right, up in CORNERS:
-            x, y = centre[0] + right * (r + 1), centre[1] + up * (r + 1)
-            box = Bbox.from_extents(
-                min(x, x + right * width),
-                min(y, y + up * height),
-                max(x, x + right * width),
-                max(y, y + up * height),
-            )
-            inside = page.x0 <= box.x0 and box.x1 <= page.x1
-            if inside and not obstacles.touch(box) and not any(box.overlaps(b) for b in taken):
-                place = (x, y, right, up)
-                taken.append(box)
-                break
-        found.append(place)
+    for centre, r, size in zip(centres, reach, sizes, strict=True):
+        places = [(*(centre + (r + 1) * np.array(corner)), *corner) for corner in CORNERS]
+        boxes = [_box(place, size) for place in places]
+        free = [
+            k
+            for tier in obstacles
+            for k, box in enumerate(boxes)
+            if figure.bbox.x0 <= box.x0
+            and box.x1 <= figure.bbox.x1
+            and not any(box.overlaps(other) for other in taken)
+            and not tier.touch(box)
+        ]
+        taken += [boxes[k] for k in free[:1]]
+        found.append(places[free[0]] if free else None)
     return found
+
+
+def _box(place: Place, size: FloatArray) -> Bbox:
+    """The box [pixels] of a name of that width and height at a place."""
+    x, y, right, up = place
+    ends = (x, x + right * size[0]), (y, y + up * size[1])
+    return Bbox.from_extents(min(ends[0]), min(ends[1]), max(ends[0]), max(ends[1]))
 
 
 def _write(
@@ -145,6 +153,7 @@ def _write(
             va="bottom" if up > 0 else "top",
             parse_math=False,
             gid="name",
+            path_effects=[withStroke(linewidth=1.5, foreground=WHITE)],
         )
 
 

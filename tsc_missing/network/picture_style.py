@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsc_missing.network.coverage import Coverage
-from tsc_missing.network.model import FloatArray, Network
+from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.network.roads import Road
 
 INK = "#1f2933"
@@ -25,6 +25,7 @@ HATCH = "//////"  # of lanes that never report
 
 POINTS = 72.0  # an inch
 THINNEST = 8.0  # the map is at most so many times as long as wide
+MARK_ROOM = 1.3  # radii around an intersection that its mark may take
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Sizes:
     lane: float  # width of a lane
     gap: float  # between the directions of a road
     block: float  # a typical distance between intersections
+    radius: FloatArray  # (N,), of the intersections' marks
     bounds: tuple[float, float, float, float]  # left, bottom, right, top of the whole drawing
 
     @property
@@ -50,16 +52,16 @@ class Sizes:
 def choose_sizes(network: Network, roads: Sequence[Road]) -> Sizes:
     """Sizes in proportion to the distances between the network's intersections."""
     points = np.vstack([road.line for road in roads])
-    low, high = points.min(axis=0), points.max(axis=0)
-    block = _block(network.coordinates, float((high - low).max()))
+    block = _block(network.coordinates, float(np.ptp(points, axis=0).max()))
     most = max(len(road.lanes) for road in roads)
     lane = min(0.03 * block, 0.13 * block / most)
+    gap = 0.8 * lane
+    reach = 1.15 * (_most_lanes(network, roads) * lane + gap / 2)
+    radius: FloatArray = np.maximum(reach, 0.13 * block)
+    around = np.repeat(network.coordinates, 2, axis=0)
+    around += MARK_ROOM * np.outer(np.column_stack([-radius, radius]).ravel(), [1, 1])
     margin = 1.2 * lane * most
-    size = high - low + 2 * margin
-    size = np.maximum(size, size.max() / THINNEST)
-    left, bottom = ((low + high - size) / 2).tolist()
-    width, height = size.tolist()
-    return Sizes(lane, 0.8 * lane, block, (left, bottom, left + width, bottom + height))
+    return Sizes(lane, gap, block, radius, _bounds(points, margin, around))
 
 
 def _block(places: FloatArray, extent: float) -> float:
@@ -71,17 +73,22 @@ def _block(places: FloatArray, extent: float) -> float:
     return float(np.median(apart.min(axis=1)))
 
 
-def radii(network: Network, roads: Sequence[Road], sizes: Sizes) -> FloatArray:
-    """(N,): the radius of each intersection's mark [m]; it covers where its roads meet."""
+def _most_lanes(network: Network, roads: Sequence[Road]) -> IntArray:
+    """(N,): the lanes of the widest road that comes to each intersection."""
     lanes = {road.id: len(road.lanes) for road in roads}
-    most = np.array(
-        [
-            max((lanes.get(road, 1) for road in node.roads), default=1)
-            for node in network.intersections
-        ]
-    )
-    reach: FloatArray = np.maximum(1.15 * (most * sizes.lane + sizes.gap / 2), 0.13 * sizes.block)
-    return reach
+    return np.array([max(lanes[road] for road in node.roads) for node in network.intersections])
+
+
+def _bounds(
+    points: FloatArray, margin: float, around: FloatArray
+) -> tuple[float, float, float, float]:
+    """Left, bottom, right, top [m] around points with a margin and others without one."""
+    low = np.minimum(points.min(axis=0) - margin, around.min(axis=0))
+    high = np.maximum(points.max(axis=0) + margin, around.max(axis=0))
+    size = np.maximum(high - low, (high - low).max() / THINNEST)
+    left, bottom = ((low + high - size) / 2).tolist()
+    width, height = size.tolist()
+    return left, bottom, left + width, bottom + height
 
 
 def top_share(coverage: Coverage) -> float:

@@ -77,7 +77,9 @@ def lane_offsets(road: Road, width: float, gap: float) -> FloatArray:
     """
     count = len(road.lanes)
     inner = gap / 2 if road.two_way else -width * count / 2
-    return road.out * (inner + width * (count - 0.5 - np.arange(count)))
+    outward: FloatArray = np.arange(count - 0.5, 0, -1.0)
+    offsets: FloatArray = road.out * (inner + width * outward)
+    return offsets
 
 
 def beside(line: FloatArray, distance: float) -> FloatArray:
