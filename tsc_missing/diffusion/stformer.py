@@ -111,8 +111,10 @@ class STFormer(NoiseModel):
             assert isinstance(layer, EncoderLayer)
             e = layer.cross(e, steps, neighbours)
             if number == 0 and count > 1:
-                e, neighbours = e.repeat(count, 1, 1, 1), neighbours.repeat(count, 1, 1, 1)
-                steps = steps if len(steps) == 1 else steps.repeat(count, 1, 1, 1)
+                e = e.repeat(count, 1, 1, 1)
+                if len(self.layers) > 1:
+                    neighbours = neighbours.repeat(count, 1, 1, 1)
+                    steps = steps.expand(batch, -1, -1, -1).repeat(count, 1, 1, 1)
             e = layer(e, condition, slots)
         out: Tensor = self.out(e).float()
         return out.view(count, batch, N_SLOTS, length, -1).transpose(2, 3)

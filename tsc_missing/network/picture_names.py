@@ -8,13 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, BboxBase
 
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.picture_style import INK, WHITE
 
 SIZES = tuple(np.arange(9.0, 5.9, -0.5).tolist())  # [points]
 SMALL_SIZES = (5.5, 5.0, 4.5)
+OVERHANG = 0.22  # [inches], that names may stand out of the map
 CORNERS = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # right and above the mark first
 
 Place = tuple[float, float, int, int]  # x, y [pixels], and the corner of the mark
@@ -58,13 +59,14 @@ def draw_names(
     prefix = common_prefix(names)
     short = [name.removeprefix(prefix) for name in names]
     marks = Obstacles(squares)
+    page = axes.bbox.padded(OVERHANG * figure.dpi)
     attempts = [
         *((list(names), size, (clear,)) for size in SIZES),
         *((short, size, (clear,)) for size in SIZES),
         *((short, size, (clear, marks)) for size in (*SIZES, *SMALL_SIZES)),
     ]
     for shown, size, obstacles in attempts:
-        found = _arrange(figure, centres, reach, _text_sizes(figure, shown, size), obstacles)
+        found = _arrange(page, centres, reach, _text_sizes(figure, shown, size), obstacles)
         if None not in found:
             break
     _write(figure, shown, found, size)
@@ -100,13 +102,13 @@ def _text_sizes(figure: Figure, names: Sequence[str], size: float) -> FloatArray
 
 
 def _arrange(
-    figure: Figure,
+    page: BboxBase,
     centres: FloatArray,
     reach: FloatArray,
     sizes: FloatArray,
     obstacles: Sequence[Obstacles],
 ) -> list[Place | None]:
-    """A place for each name, as far as there is room for it.
+    """A place for each name, as far as there is room on the ``page`` [pixels].
 
     It keeps clear of the first of the ``obstacles`` where it can, and else of the next.
     """
@@ -119,8 +121,10 @@ def _arrange(
             k
             for tier in obstacles
             for k, box in enumerate(boxes)
-            if figure.bbox.x0 <= box.x0
-            and box.x1 <= figure.bbox.x1
+            if page.containsx(box.x0)
+            and page.containsx(box.x1)
+            and page.containsy(box.y0)
+            and page.containsy(box.y1)
             and not any(box.overlaps(other) for other in taken)
             and not tier.touch(box)
         ]
