@@ -1,5 +1,6 @@
 """What all commands share: exit statuses, one-line errors, the app's settings."""
 
+import itertools
 import sys
 from collections.abc import Callable
 from typing import NoReturn
@@ -36,8 +37,7 @@ def _status(call: Callable[[], object]) -> int:
         _say(str(error))
         return MISTAKE
     except typer.TyperException as error:
-        text = error.format_message() if hasattr(error, "format_message") else str(error)
-        _say(" ".join(text.split()))
+        _say(_in_words(error))
         return MISTAKE
     except (KeyboardInterrupt, typer.Abort):
         result = INTERRUPTED
@@ -50,6 +50,15 @@ def _status(call: Callable[[], object]) -> int:
     if result == INTERRUPTED:
         _say("interrupted; nothing was kept")
     return result if isinstance(result, int) else DONE
+
+
+def _in_words(error: typer.TyperException) -> str:
+    """One line for what typer did not understand, with the value that it leaves out."""
+    text = error.format_message() if hasattr(error, "format_message") else str(error)
+    options = getattr(getattr(error, "param", None), "opts", ())
+    given = [value for name, value in itertools.pairwise(sys.argv) if name in options]
+    found = f" (found {given[-1]!r})" if given and given[-1] not in text else ""
+    return " ".join(text.split()) + found
 
 
 def _say(text: str) -> None:

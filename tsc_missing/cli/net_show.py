@@ -95,7 +95,8 @@ def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None)
     given = {"--missing": pattern != "none", "--mask": mask is not None, "--run": run is not None}
     chosen = [option for option, is_given in given.items() if is_given]
     if len(chosen) > 1:
-        raise UserError(chosen[1], mask if chosen[1] == "--mask" else run, f"{chosen[0]} is given")
+        value = mask if chosen[1] == "--mask" else run
+        raise UserError(chosen[1], value, f"it cannot go with {chosen[0]}")
     if pattern == "none" and rate:
         raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
     if pattern != "none" and rate is None:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import torch
-from torch.nn import functional as nnf
 from torch import Tensor
+from torch.nn import functional as nnf
 
 from tsc_missing.diffusion.batch import Inputs, gather_neighbours
 from tsc_missing.diffusion.config import DiffLightConfig

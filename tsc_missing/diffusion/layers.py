@@ -3,8 +3,8 @@
 import math
 
 import torch
-from torch.nn import functional as nnf
 from torch import Tensor, nn
+from torch.nn import functional as nnf
 
 
 class Dense(nn.Linear):

@@ -10,8 +10,8 @@ would shift all logits of a query alike.
 """
 
 import torch
-from torch.nn import functional as nnf
 from torch import Tensor, nn
+from torch.nn import functional as nnf
 
 from tsc_missing.diffusion.attention import attend, merge_heads, split_heads
 from tsc_missing.diffusion.batch import N_SIGNALS, Inputs, blank

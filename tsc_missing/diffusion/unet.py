@@ -1,8 +1,8 @@
 """The temporal U-Net, for the ablation: no neighbours, slots as channels."""
 
 import torch
-from torch.nn import functional as nnf
 from torch import Tensor, nn
+from torch.nn import functional as nnf
 
 from tsc_missing.diffusion.batch import N_SIGNALS, Inputs, blank
 from tsc_missing.diffusion.config import DiffLightConfig

@@ -108,9 +108,11 @@ def _mask(
     """The mask to show, if any, and where it is from."""
     if run_folder is not None:
         if not (run_folder / RUN).is_file():
-            raise UserError("run", run_folder, f"it has no {RUN}, so it is no run folder")
+            raise UserError("--run", run_folder, f"it has no {RUN}, so it is no run folder")
         if not (run_folder / MASK).is_file():
-            raise UserError("run", run_folder, f"it has no {MASK}: its controller used no sensors")
+            raise UserError(
+                "--run", run_folder, f"it has no {MASK}: its controller used no sensors"
+            )
         return whole_mask(run_folder / MASK, network), f"run {run_folder.resolve().name}"
     if mask_file is not None:
         return whole_mask(mask_file, network), f"mask {mask_file.name}"
