@@ -5,8 +5,8 @@ import pytest
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 import torch
-from cases import VARIANTS, history, line, model, plan, three_way
 
+from tests.diffusion.cases import VARIANTS, history, line, model, plan, three_way
 from tsc_missing.diffusion.batch import group_table
 from tsc_missing.diffusion.history import inputs_at_inference
 from tsc_missing.diffusion.prcd import combine

@@ -5,8 +5,8 @@ import pytest
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 import torch
-from cases import TINY, VARIANTS, model, windows
 
+from tests.diffusion.cases import TINY, VARIANTS, model, windows
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.windows import training_batch
 
@@ -71,7 +71,7 @@ def test_learns_to_fill_and_to_tell_the_phase():
     optimiser = torch.optim.Adam(made.parameters(), lr=1e-2)
     draw = generator()
     losses = []
-    for _ in range(120):
+    for _ in range(80):
         optimiser.zero_grad()
         losses.append(made.loss(batch, draw))
         losses[-1].total.backward()

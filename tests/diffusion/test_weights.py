@@ -6,9 +6,9 @@ pytest.importorskip("torch", reason="the diffusion controller needs torch")
 pytest.importorskip("safetensors", reason="weights files need safetensors")
 
 import torch
-from cases import TINY, history, model, plan
 from safetensors.torch import save_file
 
+from tests.diffusion.cases import TINY, history, model, plan
 from tsc_missing.diffusion.weights import load_weights, save_weights
 from tsc_missing.errors import UserError
 

@@ -1,6 +1,7 @@
 """``python -m tools.bench``: runs the benchmarks and prints their tables."""
 
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -57,6 +58,7 @@ def main(
     controllers = controller or ["fixed-time-15", "fixed-time"]
     found: dict[str, Any] = {"machine": machine(), "wanted": vars(wanted), "rounds": rounds}
     with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
+        _keep_byte_code(Path(scratch, "byte-code"))
         try:
             for number, one in enumerate(controllers):
                 _tell(f"recording {one}")
@@ -69,6 +71,12 @@ def main(
             raise typer.Exit(1) from None
     if json_file is not None:
         json_file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def _keep_byte_code(folder: Path) -> None:
+    """Let the measured Python programs cache their byte code, as installed ones do."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = str(folder)
 
 
 def _tell(text: str) -> None:

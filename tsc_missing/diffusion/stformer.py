@@ -22,36 +22,43 @@ from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import N_FEATURES
 
 
-class EncoderLayer(nn.Module):
-    """CCA, SSA, TSA and an MLP (Eq. CCA, CCA+x, SSA-and-TSA, STE)."""
+class Cross(nn.Module):
+    """CCA, the communication cross-attention (Eq. CCA, CCA+x)."""
 
     def __init__(self, config: DiffLightConfig) -> None:
-        """Projections for CCA, SSA and TSA, and the MLP."""
+        """Queries of the slots, keys and values of their neighbours."""
         super().__init__()
-        width = config.width
         self.heads = config.heads
-        self.query = Projection(width, config.heads, "q") if config.neighbours else None
-        self.neighbour_kv = Projection(width, config.heads, "kv")
-        self.cross_out = Dense(width, width)
-        self.spatial = Projection(width, config.heads, "qkv")
-        self.temporal = Projection(width, config.heads, "qkv")
-        self.mlp = mlp(2 * width, config.hidden, width)
+        self.query = Projection(config.width, config.heads, "q")
+        self.neighbour = Projection(config.width, config.heads, "kv")
+        self.out = Dense(config.width, config.width)
 
-    def cross(self, e: Tensor, steps: Tensor, neighbours: Tensor) -> Tensor:
-        """CCA with its residual: e' = f_CCA(e_ctr, e_ntr) + e_ctr.
+    def forward(self, e: Tensor, steps: Tensor, neighbours: Tensor) -> Tensor:
+        """e' = f_CCA(e_ctr, e_ntr) + e_ctr.
 
         ``e`` (B, L, T, D), ``steps`` (B or 1, 1, T, D), ``neighbours`` (B, G, 3 * T, D): the
         queries of the 12 / G slots of a group stand beside each other.
         """
-        if self.query is None:
-            return e
         batch, groups, keys, width = neighbours.shape
-        q = self.query(e + steps).view(batch * groups, -1, width)
-        kv = self.neighbour_kv(neighbours).view(batch * groups, keys, 2 * width)
-        (q,) = split_heads(q, 1, self.heads)
-        k, v = split_heads(kv, 2, self.heads)
+        queries = self.query(e + steps).view(batch * groups, -1, width)
+        (q,) = split_heads(queries, 1, self.heads)
+        k, v = split_heads(self.neighbour(neighbours.view(-1, keys, width)), 2, self.heads)
         found = merge_heads(attend(q, k, v), self.heads)
-        return e + self.cross_out(found).view_as(e)
+        out: Tensor = e + self.out(found).view_as(e)
+        return out
+
+
+class EncoderLayer(nn.Module):
+    """SSA and TSA beside each other, then an MLP (Eq. SSA-and-TSA, STE)."""
+
+    def __init__(self, config: DiffLightConfig) -> None:
+        """``cross`` is what comes before them, if anything."""
+        super().__init__()
+        self.heads = config.heads
+        self.cross = Cross(config) if config.neighbours else None
+        self.spatial = Projection(config.width, config.heads, "qkv")
+        self.temporal = Projection(config.width, config.heads, "qkv")
+        self.mlp = mlp(2 * config.width, config.hidden, config.width)
 
     def forward(self, e: Tensor, condition: Tensor, slots: Tensor | None) -> Tensor:
         """f_MLP(f_SSA(e) + f_TSA(e)) + e, where ``condition`` is added to the attentions' input.
@@ -81,11 +88,11 @@ class STFormer(NoiseModel):
         width, channels = config.width, N_FEATURES + (not config.inverse_dynamics)
         self.known_flag = config.known_flag
         self.own_signals = config.own_signals
-        self.neighbours = config.neighbours
         self.heads = config.heads
         extra = config.known_flag + N_SIGNALS * config.own_signals
         self.own = mlp(channels + extra, width, width)  # e_ctr
-        self.upstream = Dense(N_FEATURES + extra + 1, width)  # e_ntr, its first layer
+        upstream = Dense(N_FEATURES + extra + 1, width)  # e_ntr, its first layer
+        self.upstream = upstream if config.neighbours else None
         self.diffusion_step = StepEmbedding(width)  # e_dt
         self.trajectory_step = StepEmbedding(width)  # e_tt
         self.reward = mlp(1, width, width)  # e_r
@@ -109,10 +116,11 @@ class STFormer(NoiseModel):
         slots = self._slot_mask(inputs.slots, length, count, dtype)
         for number, layer in enumerate(self.layers):
             assert isinstance(layer, EncoderLayer)
-            e = layer.cross(e, steps, neighbours)
+            if layer.cross is not None and neighbours is not None:
+                e = layer.cross(e, steps, neighbours)
             if number == 0 and count > 1:
                 e = e.repeat(count, 1, 1, 1)
-                if len(self.layers) > 1:
+                if neighbours is not None and len(self.layers) > 1:
                     neighbours = neighbours.repeat(count, 1, 1, 1)
                     steps = steps.expand(batch, -1, -1, -1).repeat(count, 1, 1, 1)
             e = layer(e, condition, slots)
@@ -130,11 +138,11 @@ class STFormer(NoiseModel):
         e: Tensor = self.own(cells.transpose(1, 2).to(COMPUTE[self.precision]))
         return e if self.slot is None else e + self.slot.to(e.dtype)
 
-    def _embed_neighbours(self, inputs: Inputs, tt: Tensor, dtype: torch.dtype) -> Tensor:
+    def _embed_neighbours(self, inputs: Inputs, tt: Tensor, dtype: torch.dtype) -> Tensor | None:
         """e_ntr (B, G, 3 * T, D); a neighbour that is not there is a token of its own."""
+        if self.upstream is None:
+            return None
         near = inputs.neighbours
-        if not self.neighbours:
-            return tt.new_zeros(len(near.exists), 1, 1, 1)
         given = near.given & near.exists.unsqueeze(-1)
         features = [blank(near.values, given)]
         if self.known_flag:

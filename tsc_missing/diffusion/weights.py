@@ -1,5 +1,6 @@
 """Weights files: safetensors with a manifest, whole or refused in one line."""
 
+import contextlib
 import hashlib
 import json
 import os
@@ -41,7 +42,8 @@ def save_weights(model: DiffLightModel, path: Path, about: dict[str, Any]) -> No
     except OSError as error:
         raise UserError(FIELD, path, f"cannot be written ({error.strerror})") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def load_weights(path: Path) -> tuple[DiffLightModel, dict[str, Any]]:

@@ -61,7 +61,6 @@ class Simulation:
         self._options = [
             f"--net-file={inputs.net}",
             f"--route-files={inputs.routes}",
-            f"--error-log={self._log}",
             f"--seed={seed}",
             *OPTIONS,
             *outputs,
@@ -76,8 +75,9 @@ class Simulation:
                 "a simulation is already running in this process; close it first, or use another "
                 "process (libsumo holds one simulation a process)"
             )
+        self._log.unlink(missing_ok=True)
         try:
-            with _quiet_stderr():
+            with _stderr_to(self._log):
                 self.api = self._start()
         except Exception as error:
             raise SimulationError(self._reason(error)) from error
@@ -91,21 +91,27 @@ class Simulation:
         trace: TracebackType | None,
     ) -> None:
         Simulation._running = False
-        with _quiet_stderr():
+        with _stderr_to(self._log):
             self.api.close()
 
     def _start(self) -> Any:
         if self._engine == "libsumo":
             import libsumo
 
-            libsumo.start(["sumo", *self._options])
+            try:
+                libsumo.start(["sumo", *self._options])
+            except Exception:
+                if libsumo.isLoaded():
+                    libsumo.close()
+                raise
             return libsumo
         return _start_traci(self._engine, self._options)
 
     def advance(self, until: float) -> None:
         """Simulate up to time ``until`` [s]."""
         try:
-            self.api.simulationStep(float(until))
+            with _stderr_to(self._log):
+                self.api.simulationStep(float(until))
         except Exception as error:
             raise SimulationError(self._reason(error)) from error
 
@@ -134,15 +140,15 @@ def _start_traci(engine: EngineName, options: Sequence[str]) -> Any:
 
 
 @contextlib.contextmanager
-def _quiet_stderr() -> Iterator[None]:
-    """Keep what SUMO itself writes to the error stream off the terminal; it is in the error log."""
+def _stderr_to(log: Path) -> Iterator[None]:
+    """Append what SUMO itself writes to the error stream to a file, not to the terminal."""
     sys.stderr.flush()
     saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
+    target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     try:
-        os.dup2(null, 2)
+        os.dup2(target, 2)
         yield
     finally:
         os.dup2(saved, 2)
         os.close(saved)
-        os.close(null)
+        os.close(target)
