@@ -1,13 +1,16 @@
 """``tsc-net show`` as it is used: the real command line."""
 
 import json
-import re
+from xml.etree import ElementTree
 
 import pytest
 
 from tests.cityflow_files import grid_roadnet, write
 from tests.cli.test_bad_input import refused
 from tsc_missing.network.importing import import_cityflow
+
+SVG = "{http://www.w3.org/2000/svg}"
+KINDS = ("intersections", "always-observed", "partly-observed", "never-observed")
 
 
 def show_json(command, *arguments):
@@ -19,10 +22,9 @@ def show_json(command, *arguments):
 
 def marks(path):
     """The number of marks of each kind in an SVG picture."""
-    groups = re.findall(
-        r'<g id="((?:\w+-)*(?:observed|intersections))">(.*?)</g>', path.read_text(), re.S
-    )
-    return {name: len(re.findall("<use", group)) for name, group in groups}
+    groups = ElementTree.parse(path).iter(f"{SVG}g")
+    found = {group.get("id"): len(list(group.iter(f"{SVG}use"))) for group in groups}
+    return {name: found[name] for name in KINDS if name in found}
 
 
 def test_a_network_in_numbers_and_its_picture_by_default(command, small_net):
@@ -77,15 +79,8 @@ def test_a_network_without_demand(command, tmp_path):
     done = command("net", "show", tmp_path / "bare")
     assert done.returncode == 0, done.stderr
     assert "demand" in done.stdout
-    refused(
-        command,
-        "net",
-        "show",
-        tmp_path / "bare",
-        "--demand",
-        "recorded",
-        words=["without a demand"],
-    )
+    words = ["without a demand"]
+    refused(command, "net", "show", tmp_path / "bare", "--demand", "recorded", words=words)
 
 
 def test_an_older_picture_is_replaced(command, small_net):

@@ -7,6 +7,7 @@ pytest.importorskip("torch", reason="the diffusion controller needs torch")
 import torch
 
 from tests.diffusion.cases import TINY, VARIANTS, model, windows
+from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.windows import training_batch
 
@@ -96,3 +97,9 @@ def test_ema_follows_and_resumes():
     other.update(made)
     for a, b in zip(ema.model.parameters(), other.model.parameters(), strict=True):
         assert torch.equal(a, b)
+
+
+@pytest.mark.parametrize("wrong", [{"width": 30}, {"noise_model": "unet", "horizon": 4}, {"x": 1}])
+def test_a_config_that_does_not_fit_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"multiple|Extra"):
+        DiffLightConfig.model_validate(wrong)

@@ -132,7 +132,7 @@ def flops(call: Callable[[], object]) -> int:
     """Floating-point operations of the matrix products in a call."""
     with FlopCounterMode(display=False) as counter:
         call()
-    return counter.get_total_flops()
+    return int(counter.get_total_flops())
 
 
 def peak(precision: Precision, timed: Stopwatch) -> float:

@@ -29,17 +29,19 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
 def heading(prepared: Prepared) -> str:
     """One line that says what ran."""
     settings: RunSettings = prepared.settings
-    missing = settings.missing
-    replayed = prepared.options.mask_file is not None
-    what = "a replayed mask" if replayed else f"{missing.pattern} missing"
-    if missing.pattern != "none" and not replayed:
-        what += f" at rate {missing.rate:g}"
-    if missing.pattern == "none" and not replayed:
-        what = "everything observed"
     return (
         f"{prepared.scenario.name} ({prepared.scenario.demand_kind} demand), "
-        f"{settings.controller}, {what}, seed {settings.seed}"
+        f"{settings.controller}, {_missing_in_words(prepared)}, seed {settings.seed}"
     )
+
+
+def _missing_in_words(prepared: Prepared) -> str:
+    missing = prepared.settings.missing
+    if prepared.options.mask_file is not None:
+        return "a replayed mask"
+    if missing.pattern == "none":
+        return "everything observed"
+    return f"{missing.pattern} missing at rate {missing.rate:g}"
 
 
 def rows(result: Result) -> list[tuple[str, str, str]]:

@@ -1,44 +1,56 @@
 """From a demand to its profile: counts and shares, coarse enough to hold no single trip."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from tsc_missing.demand.profile import DemandProfile, Shares, Turns, plain_turns
+from tsc_missing.demand.profile import (
+    DemandProfile,
+    ExitShares,
+    Shares,
+    plain_turns,
+    possible_exits,
+)
+from tsc_missing.demand.routing import FloatArray, IntArray, RoadGraph, Turns
 from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.network.plain import PlainNetwork
-from tsc_missing.network.slots import TURNS
+from tsc_missing.network.slots import APPROACHES, TURNS, assign_approaches, bearing
 
+BIN = 300  # [s]; wider where fewer vehicles enter
+VEHICLES_A_BIN = 10  # that enter by the least used entry road, on average
 SIGNIFICANT = 9.21  # chi-squared with 2 degrees of freedom, exceeded by chance once in 100
+DIGITS = 3  # of shares
+ROUNDS = 100  # of fitting exit weights to exit counts
 
-IntArray = npt.NDArray[np.int64]
 
+def fit_profile(demand: Demand, plain: PlainNetwork, horizon: int = 3600) -> DemandProfile:
+    """The profile of the trips that depart before ``horizon`` [s].
 
-def fit_profile(
-    demand: Demand, plain: PlainNetwork, bin_length: int = 300, horizon: int = 3600
-) -> DemandProfile:
-    """The profile of the trips that depart before ``horizon`` [s], in bins of ``bin_length`` [s].
-
-    A road has turn shares of its own only where they differ significantly from the network's.
+    A road has turn shares of its own only where they differ significantly from the network's. The
+    profile has exits if every trip takes a shortest way over turns that are used at all.
     """
     turns = plain_turns(plain)
     trips = [trip for trip in demand.trips if trip.depart < horizon]
     counts = _turn_counts(trips, turns)
     total = np.sum(list(counts.values()), axis=0)
-    return DemandProfile(
+    own = {road for road, row in counts.items() if _differs(row, total, turns[road])}
+    bin_length = _bin_length(trips, horizon)
+    profile = DemandProfile(
         bin=bin_length,
         irregularity=_irregularity(trips, bin_length),
-        repeats="end" if any(turns.get(trip.route[-1]) for trip in trips) else "avoid",
         turns=_shares(total),
-        road_turns={
-            road: _shares(row) for road, row in sorted(counts.items()) if _differs(row, total)
-        },
+        road_turns={road: _shares(counts[road]) for road in sorted(own)},
+        exits=(),
         arrivals=_arrivals(trips, bin_length, horizon),
     )
+    graph = profile.graph(turns)
+    if not _all_shortest(trips, graph):
+        return profile
+    return profile.model_copy(update={"exits": _exits(trips, graph, plain)})
 
 
-def _turn_counts(trips: list[Trip], turns: Turns) -> dict[str, IntArray]:
+def _turn_counts(trips: Sequence[Trip], turns: Turns) -> dict[str, IntArray]:
     """(3,) vehicles that turn left, go straight and turn right at the end of each road."""
     counts = {road: np.zeros(len(TURNS), dtype=np.int64) for road in turns}
     for trip in trips:
@@ -47,33 +59,50 @@ def _turn_counts(trips: list[Trip], turns: Turns) -> dict[str, IntArray]:
     return counts
 
 
-def _differs(row: IntArray, total: IntArray) -> bool:
-    """Whether a road's turns are unlikely to be drawn from the network's shares (chi-squared)."""
-    expected = row.sum() * total / total.sum()
-    there = expected > 0
-    return float(((row - expected)[there] ** 2 / expected[there]).sum()) > SIGNIFICANT
+def _differs(row: IntArray, total: IntArray, turns: dict[str, int]) -> bool:
+    """Whether a road's turns are unlikely to be drawn from the network's shares (chi-squared).
+
+    A turn that is there and never used differs in any case.
+    """
+    there = np.array([turn in turns.values() for turn in range(len(TURNS))]) & (total > 0)
+    if not row.any():
+        return False
+    expected = row.sum() * total[there] / total[there].sum()
+    deviation = ((row[there] - expected) ** 2 / expected).sum()
+    return bool(deviation > SIGNIFICANT or (row[there] == 0).any())
 
 
 def _shares(counts: IntArray) -> Shares:
-    left, straight, right = (round(float(c) / int(counts.sum()), 3) for c in counts)
+    left, straight, right = np.round(counts / counts.sum(), DIGITS).tolist()
     return left, straight, right
 
 
-def _arrivals(trips: list[Trip], bin_length: int, horizon: int) -> dict[str, tuple[float, ...]]:
-    bins = -(-horizon // bin_length)
-    table = {road: [0.0] * bins for road in sorted({trip.route[0] for trip in trips})}
+def _bin_length(trips: Sequence[Trip], horizon: int) -> int:
+    """The shortest multiple of ``BIN`` [s] that gives each entry road enough vehicles a bin."""
+    least = min(Counter(trip.route[0] for trip in trips).values())
+    most = -(-horizon // BIN)
+    wide = (k for k in range(1, most) if most % k == 0 and least * k >= VEHICLES_A_BIN * most)
+    return BIN * next(wide, most)
+
+
+def _arrivals(trips: Sequence[Trip], bin_length: int, horizon: int) -> dict[str, tuple[float, ...]]:
+    table = {
+        road: [0.0] * -(-horizon // bin_length) for road in sorted({t.route[0] for t in trips})
+    }
     for trip in trips:
         table[trip.route[0]][int(trip.depart // bin_length)] += 1.0
     return {road: tuple(row) for road, row in table.items()}
 
 
-def _irregularity(trips: list[Trip], bin_length: int) -> float:
+def _irregularity(trips: Sequence[Trip], bin_length: int) -> float:
     """The coefficient of variation of the headways within entry road and bin, at most 1."""
     deviations = np.array(list(_headways(trips, bin_length)))
-    return min(round(float(np.sqrt((deviations**2).mean())), 2), 1.0) if deviations.size else 1.0
+    if not deviations.size:
+        return 1.0
+    return min(round(float(np.sqrt((deviations**2).mean())), 2), 1.0)
 
 
-def _headways(trips: list[Trip], bin_length: int) -> Iterator[float]:
+def _headways(trips: Sequence[Trip], bin_length: int) -> Iterator[float]:
     """Headways relative to their mean in the entry road and bin, minus 1."""
     cells: dict[tuple[str, int], list[float]] = {}
     for trip in trips:
@@ -82,3 +111,52 @@ def _headways(trips: list[Trip], bin_length: int) -> Iterator[float]:
         gaps = np.diff(departs)
         if gaps.size > 1 and gaps.mean() > 0:
             yield from (gaps / gaps.mean() - 1.0).tolist()
+
+
+def _all_shortest(trips: Sequence[Trip], graph: RoadGraph) -> bool:
+    exits = sorted({trip.route[-1] for trip in trips})
+    column = {road: number for number, road in enumerate(exits)}
+    distance = graph.distances(graph.numbers(exits))
+    return all(
+        distance[graph.index[trip.route[0]], column[trip.route[-1]]] == len(trip.route) - 1
+        for trip in trips
+    )
+
+
+def _exits(trips: Sequence[Trip], graph: RoadGraph, plain: PlainNetwork) -> tuple[ExitShares, ...]:
+    """Exit shares for the entry roads of each side of the network."""
+    pairs = Counter((trip.route[0], trip.route[-1]) for trip in trips)
+    exits = sorted({road for _, road in pairs})
+    groups: dict[int, list[str]] = {}
+    for entry in sorted({road for road, _ in pairs}):
+        groups.setdefault(_side(plain, entry), []).append(entry)
+    shares = []
+    for side in range(len(APPROACHES)):
+        if side in groups:
+            entries = groups[side]
+            table = np.array([[pairs[e, x] for x in exits] for e in entries], dtype=np.float64)
+            possible = possible_exits(graph, graph.numbers(entries), graph.numbers(exits))
+            weights = _exit_weights(table, possible)
+            chosen = {x: w for x, w in zip(exits, weights, strict=True) if w > 0}
+            shares.append(ExitShares(entries=tuple(entries), exits=chosen))
+    return tuple(shares)
+
+
+def _side(plain: PlainNetwork, road: str) -> int:
+    (x, y), (end_x, end_y) = plain.roads[road].shape[0], plain.roads[road].shape[-1]
+    return assign_approaches([bearing(x - end_x, y - end_y)])[0]
+
+
+def _exit_weights(table: FloatArray, possible: FloatArray) -> list[float]:
+    """Weights of the X exits that lead, over the possible pairs, to the table's column sums.
+
+    ``table`` (E, X) counts vehicles by entry and exit; its row sums are kept too.
+    """
+    weights = table.sum(axis=0)
+    used = weights > 0
+    for _ in range(ROUNDS):
+        expected = possible * weights
+        expected *= (table.sum(axis=1) / expected.sum(axis=1))[:, None]
+        weights[used] *= table.sum(axis=0)[used] / expected.sum(axis=0)[used]
+    rounded: list[float] = np.round(weights / weights.sum(), DIGITS).tolist()
+    return rounded

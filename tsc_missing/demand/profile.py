@@ -1,19 +1,28 @@
 """Demand profiles: statistics of a demand, and the drawing of trips from them.
 
 A profile says how many vehicles enter by each road in each time bin, how evenly they come, and
-how large a share of the traffic turns left, goes straight and turns right. A drawn vehicle walks
-from its entry road on by those shares until it leaves the network.
+how large a share of the traffic turns left, goes straight and turns right. Without ``exits`` a
+drawn vehicle walks on by those shares until it leaves the network. With them it draws the road
+that it leaves by and takes a shortest way there, and the shares choose among equal ways.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
+from tsc_missing.demand.routing import (
+    FAR,
+    FloatArray,
+    IntArray,
+    RoadGraph,
+    Route,
+    Turns,
+    draw_columns,
+    shortest_paths,
+    walk,
+)
 from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.errors import UserError
 from tsc_missing.files import parse, read_json
@@ -24,25 +33,30 @@ from tsc_missing.seeding import stream
 
 FIELD = "demand"
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
 Rate = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Shares = tuple[Rate, Rate, Rate]  # left, straight, right; used relative to their sum
-Turns = Mapping[str, Mapping[str, int]]  # for each road the turns (slots.LEFT, …) to next roads
 
 
-class DemandProfile(BaseModel):
-    """What ``scenarios/demand/*.json`` holds."""
-
+class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ExitShares(_Part):
+    """The exit roads' shares of what enters by a group of roads; used relative to their sum."""
+
+    entries: tuple[str, ...] = Field(min_length=1)
+    exits: dict[str, Rate]
+
+
+class DemandProfile(_Part):
+    """What ``scenarios/demand/*.json`` holds."""
 
     format: Literal[1] = 1
     bin: int = Field(gt=0)  # [s]
     irregularity: float = Field(ge=0, le=1)  # of the headways in a bin: 0 all equal, 1 random
-    repeats: Literal["end", "avoid"]  # what a walk does about a road it has already used
     turns: Shares  # of the network
     road_turns: dict[str, Shares]  # of the roads that differ from the network
+    exits: tuple[ExitShares, ...]  # for all entry roads, or none
     arrivals: dict[str, tuple[Rate, ...]]  # [vehicles] by entry road, in each bin from 0 s on
 
     @model_validator(mode="after")
@@ -51,7 +65,14 @@ class DemandProfile(BaseModel):
             raise ValueError("arrivals must have the same number of bins (at least one) a road")
         if not all(sum(shares) > 0 for shares in (self.turns, *self.road_turns.values())):
             raise ValueError("the turn shares of a road must not all be 0")
+        grouped = sorted(road for group in self.exits for road in group.entries)
+        if grouped and grouped != sorted(self.arrivals):
+            raise ValueError("each road in arrivals must be in one group of exits, or none in any")
         return self
+
+    def graph(self, turns: Turns) -> RoadGraph:
+        """The roads of a network with the profile's turn shares."""
+        return RoadGraph.of(turns, lambda road: self.road_turns.get(road, self.turns))
 
 
 _ADAPTER = TypeAdapter(DemandProfile)
@@ -87,20 +108,30 @@ def draw_demand(
     """Trips that depart before ``horizon`` [s], at whole seconds; ``volume`` scales the arrivals.
 
     The number that enters by a road in a bin is the profile's times ``volume``, rounded up or
-    down at random. Raises ``UserError`` for an entry road that leads nowhere.
+    down at random. Raises ``UserError`` for roads of the profile that the network lacks.
     """
-    for road in profile.arrivals:
-        if road not in turns:
-            raise UserError(
-                FIELD, road, "an entry road must be a road of the network that leads on"
-            )
     rng = stream(seed, "demand")
-    entries, departs = _draw_arrivals(profile, rng, volume)
+    graph = profile.graph(turns)
+    _check_roads(profile, turns, graph)
+    entries = graph.numbers(list(profile.arrivals))
+    entry, departs = _draw_arrivals(profile, rng, volume)
     within = departs < horizon
-    graph = _Graph.of(profile, turns)
-    start = np.array([graph.index[road] for road in profile.arrivals], dtype=np.int64)
-    routes = _walk(graph, start[entries[within]], profile.repeats == "avoid", rng)
-    return Demand.of(map(Trip, departs[within].tolist(), routes), "profile")
+    entry, departs = entry[within], departs[within]
+    if profile.exits:
+        routes = _routes_to_exits(profile, graph, entries, entry, rng)
+    else:
+        routes = walk(graph, entries[entry], rng)
+    return Demand.of(map(Trip, departs.tolist(), routes), "profile")
+
+
+def _check_roads(profile: DemandProfile, turns: Turns, graph: RoadGraph) -> None:
+    for road in profile.arrivals:
+        if not turns.get(road):
+            raise UserError(FIELD, road, "an entry road must lead on to other roads")
+    for group in profile.exits:
+        for road in group.exits:
+            if road not in graph.index:
+                raise UserError(FIELD, road, "an exit road must be a road of the network")
 
 
 def _draw_arrivals(
@@ -124,54 +155,26 @@ def _draw_arrivals(
     return entry, np.floor(profile.bin * (number + position))
 
 
-@dataclass(frozen=True)
-class _Graph:
-    """R roads with up to K next roads each."""
-
-    roads: tuple[str, ...]
-    index: Mapping[str, int]
-    following: IntArray  # (R, K), -1 for none
-    shares: FloatArray  # (R, K)
-
-    @classmethod
-    def of(cls, profile: DemandProfile, turns: Turns) -> Self:
-        """Next roads of the same turn share its traffic equally."""
-        roads = tuple(sorted({*turns, *(road for row in turns.values() for road in row)}))
-        index = {road: number for number, road in enumerate(roads)}
-        following = np.full((len(roads), max(map(len, turns.values()))), -1, dtype=np.int64)
-        shares = np.zeros(following.shape)
-        for road, row in turns.items():
-            wanted, made = profile.road_turns.get(road, profile.turns), list(row.values())
-            following[index[road], : len(row)] = [index[target] for target in row]
-            shares[index[road], : len(row)] = [wanted[t] / made.count(t) for t in made]
-        return cls(roads, index, following, shares)
+def _routes_to_exits(
+    profile: DemandProfile,
+    graph: RoadGraph,
+    entries: IntArray,
+    entry: IntArray,
+    rng: np.random.Generator,
+) -> list[Route]:
+    """Routes of vehicles that enter by ``entries[entry]``, each to an exit drawn for it."""
+    names = sorted({road for group in profile.exits for road in group.exits})
+    exits = graph.numbers(names)
+    group_of = {road: group.exits for group in profile.exits for road in group.entries}
+    weights = np.array([[group_of[e].get(x, 0.0) for x in names] for e in profile.arrivals])
+    weights = weights * possible_exits(graph, entries, exits)
+    for road, row in zip(profile.arrivals, weights, strict=True):
+        if not row.any():
+            raise UserError(FIELD, road, "the profile's exits for it must be roads it can reach")
+    return shortest_paths(graph, entries[entry], exits, draw_columns(weights[entry], rng), rng)
 
 
-def _walk(
-    graph: _Graph, start: IntArray, avoid: bool, rng: np.random.Generator
-) -> list[tuple[str, ...]]:
-    """The routes of vehicles that enter by the roads ``start`` (V,).
-
-    A walk ends where there is no way on, and no road comes twice in it: with ``avoid`` a road
-    that was used is no option any more, without it the walk ends before it.
-    """
-    path = start[:, None]  # (V, steps so far), -1 after the end
-    active = np.arange(start.size)
-    while active.size:
-        past = path[active]
-        options, chances = graph.following[past[:, -1]], graph.shares[past[:, -1]]
-        used = (options[:, :, None] == past[:, None, :]).any(axis=2)
-        if avoid:
-            chances = np.where(used, 0.0, chances)
-        bounds = chances.cumsum(axis=1)
-        drawn = rng.random(active.size) * bounds[:, -1]
-        choice = (drawn[:, None] >= bounds[:, :-1]).sum(axis=1)
-        rows = np.arange(active.size)
-        going = (bounds[:, -1] > 0) & ~used[rows, choice]
-        active = active[going]
-        column = np.full(start.size, -1, dtype=np.int64)
-        column[active] = options[rows, choice][going]
-        path = np.column_stack((path, column))
-    lengths = (path >= 0).sum(axis=1).tolist()
-    names = np.array(graph.roads, dtype=object)[path].tolist()
-    return [tuple(row[:length]) for row, length in zip(names, lengths, strict=True)]
+def possible_exits(graph: RoadGraph, entries: IntArray, exits: IntArray) -> FloatArray:
+    """(E, X), 0 or 1: exits that can be reached other than by turning back where one entered."""
+    reached = graph.distances(exits)[entries] < FAR
+    return (reached & ~graph.reversals(entries, exits)).astype(np.float64)

@@ -1,8 +1,8 @@
 """Every setting of the diffusion controller, with its unit and default."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 
@@ -48,6 +48,14 @@ class DiffLightConfig(Settings):
     dcm: bool = True
     neighbours: bool = True
     inverse_dynamics: bool = True  # ablation: else observations and actions are diffused together
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.width % self.heads:
+            raise ValueError(f"width {self.width} must be a multiple of heads {self.heads}")
+        if self.noise_model == "unet" and (self.steps % 4 or self.width % 8):
+            raise ValueError("the U-Net needs history + horizon a multiple of 4, width of 8")
+        return self
 
     @property
     def steps(self) -> int:

@@ -34,7 +34,7 @@ class Cross(nn.Module):
         self.out = Dense(config.width, config.width)
 
     def forward(self, e: Tensor, steps: Tensor, neighbours: Tensor) -> Tensor:
-        """e' = f_CCA(e_ctr, e_ntr) + e_ctr.
+        """Gives e' = f_CCA(e_ctr, e_ntr) + e_ctr.
 
         ``e`` (B, L, T, D), ``steps`` (B or 1, 1, T, D), ``neighbours`` (B, G, 3 * T, D): the
         queries of the 12 / G slots of a group stand beside each other.
@@ -83,8 +83,6 @@ class STFormer(NoiseModel):
     def __init__(self, config: DiffLightConfig) -> None:
         """Every input has an embedding of its own."""
         super().__init__(config)
-        if config.width % config.heads:
-            raise ValueError(f"width {config.width} is not a multiple of heads {config.heads}")
         width, channels = config.width, N_FEATURES + (not config.inverse_dynamics)
         self.known_flag = config.known_flag
         self.own_signals = config.own_signals

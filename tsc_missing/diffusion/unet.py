@@ -37,13 +37,11 @@ class Block(nn.Module):
 
 
 class UNet(NoiseModel):
-    """Down twice and up twice over the T steps of a window, which must be a multiple of 4."""
+    """Down twice and up twice over the T steps of a window."""
 
     def __init__(self, config: DiffLightConfig) -> None:
         """Channels are the features of the twelve slots."""
         super().__init__(config)
-        if config.steps % 4:
-            raise ValueError(f"the U-Net needs a multiple of 4 steps, not {config.steps}")
         width = config.width
         self.channels = N_FEATURES + (not config.inverse_dynamics)
         self.known_flag = config.known_flag

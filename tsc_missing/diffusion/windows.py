@@ -81,6 +81,6 @@ def _neighbours(windows: Windows, config: DiffLightConfig, scaling: Scaling) -> 
     return Neighbours(
         values=scaling.values(windows.near_values),
         given=windows.near_given & windows.near_exists.unsqueeze(-1),
-        signals=signals.unflatten(1, windows.near_exists.shape[1:]),
+        signals=signals.reshape(*windows.near_given.shape, -1),
         exists=windows.near_exists,
     )

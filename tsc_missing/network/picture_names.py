@@ -60,13 +60,14 @@ def draw_names(
     short = [name.removeprefix(prefix) for name in names]
     marks = Obstacles(squares)
     page = axes.bbox.padded(OVERHANG * figure.dpi)
+    full_boxes, short_boxes = (_text_sizes(figure, shown) for shown in (names, short))
     attempts = [
-        *((list(names), size, (clear,)) for size in SIZES),
-        *((short, size, (clear,)) for size in SIZES),
-        *((short, size, (clear, marks)) for size in (*SIZES, *SMALL_SIZES)),
+        *((list(names), full_boxes, size, (clear,)) for size in SIZES),
+        *((short, short_boxes, size, (clear,)) for size in SIZES),
+        *((short, short_boxes, size, (clear, marks)) for size in (*SIZES, *SMALL_SIZES)),
     ]
-    for shown, size, obstacles in attempts:
-        found = _arrange(page, centres, reach, _text_sizes(figure, shown, size), obstacles)
+    for shown, boxes, size, obstacles in attempts:
+        found = _arrange(page, centres, reach, boxes * size, obstacles)
         if None not in found:
             break
     _write(figure, shown, found, size)
@@ -89,16 +90,16 @@ def _square(centre: FloatArray, reach: float) -> FloatArray:
     return outline
 
 
-def _text_sizes(figure: Figure, names: Sequence[str], size: float) -> FloatArray:
-    """(N, 2): width and height of each name [pixels]."""
-    probe = figure.text(0, 0, "", size=size, parse_math=False)
+def _text_sizes(figure: Figure, names: Sequence[str]) -> FloatArray:
+    """(N, 2): width and height of each name [pixels] for a letter size of one point."""
+    probe = figure.text(0, 0, "", size=SIZES[0], parse_math=False)
     extents = []
     for name in names:
         probe.set_text(name)
         box = probe.get_window_extent()
-        extents.append((box.width, box.height))
+        extents.append((box.width + 1, box.height + 1))
     probe.remove()
-    return np.array(extents)
+    return np.array(extents) / SIZES[0]
 
 
 def _arrange(

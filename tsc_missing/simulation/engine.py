@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -135,7 +136,8 @@ def _start_traci(engine: EngineName, options: Sequence[str]) -> Any:
         ) from None
     program = sumo_tool("sumo-gui" if engine == "gui" else "sumo")
     extra = ["--start", "--quit-on-end"] if engine == "gui" else []
-    traci.start([program, *options, *extra], label="tsc-missing", stdout=sys.stderr)
+    with contextlib.redirect_stdout(sys.stderr):
+        traci.start([program, *options, *extra], label="tsc-missing", stdout=subprocess.DEVNULL)
     return traci.getConnection("tsc-missing")
 
 
