@@ -22,8 +22,11 @@ def show_json(command, *arguments):
 
 def marks(path):
     """The number of marks of each kind in an SVG picture."""
-    groups = ElementTree.parse(path).iter(f"{SVG}g")
-    found = {group.get("id"): len(list(group.iter(f"{SVG}use"))) for group in groups}
+    groups = {group.get("id"): group for group in ElementTree.parse(path).iter(f"{SVG}g")}
+    found = {
+        name: len(list(group.iter(f"{SVG}use"))) or len(group.findall(f"{SVG}path"))
+        for name, group in groups.items()
+    }
     return {name: found[name] for name in KINDS if name in found}
 
 

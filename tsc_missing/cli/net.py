@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from tsc_missing.cli.common import make_app, run_app
+from tsc_missing.cli.net_show import show
 from tsc_missing.errors import UserError
 from tsc_missing.paths import user_networks
 
@@ -48,6 +49,9 @@ def import_network(
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{name}: {manifest.intersections} intersections{vehicles}", markup=False)
     console.print(f"written to {target}", markup=False)
+
+
+app.command("show")(show)
 
 
 def _target(as_name: str | None, out: Path | None) -> tuple[Path, str, str]:

@@ -64,8 +64,9 @@ class RoadGraph:
         leads = np.zeros((len(self.roads), len(self.roads)), dtype=np.float32)
         road, option = np.nonzero(self.following != NONE)
         leads[road, self.following[road, option]] = 1.0
-        same_junction: BoolArray = (leads[entries] @ leads.T) @ leads[:, exits] > 0
-        return same_junction & (leads[np.ix_(entries, exits)] == 0)
+        same_junction = (leads[entries] @ leads.T) @ leads[:, exits] > 0
+        reversal: BoolArray = same_junction & (leads[np.ix_(entries, exits)] == 0)
+        return reversal
 
 
 def walk(graph: RoadGraph, start: IntArray, rng: np.random.Generator) -> list[Route]:

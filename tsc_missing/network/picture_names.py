@@ -68,8 +68,10 @@ def draw_names(
     ]
     for shown, boxes, size, obstacles in attempts:
         found = _arrange(page, centres, reach, boxes * size, obstacles)
+        best = shown, found, size
         if None not in found:
             break
+    shown, found, size = best
     _write(figure, shown, found, size)
     return _note(prefix if shown is short else "", found.count(None))
 
@@ -99,7 +101,8 @@ def _text_sizes(figure: Figure, names: Sequence[str]) -> FloatArray:
         box = probe.get_window_extent()
         extents.append((box.width + 1, box.height + 1))
     probe.remove()
-    return np.array(extents) / SIZES[0]
+    sizes: FloatArray = np.array(extents) / SIZES[0]
+    return sizes
 
 
 def _arrange(
