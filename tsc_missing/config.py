@@ -92,7 +92,7 @@ class RunSettings(Settings):
     demand: Literal["auto", "profile", "recorded"] = "auto"
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
     controller: str = "max-queue"
-    imputer: str = "sfm"
+    imputer: str = "sfm-4"
     blind: Literal["none", "fixed-time"] = "fixed-time"
     missing: MissingSettings = MissingSettings()
     signals: SignalSettings = SignalSettings()

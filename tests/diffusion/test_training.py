@@ -99,7 +99,7 @@ def test_ema_follows_and_resumes():
         assert torch.equal(a, b)
 
 
-@pytest.mark.parametrize("wrong", [{"width": 30}, {"noise_model": "unet", "horizon": 4}, {"x": 1}])
+@pytest.mark.parametrize("wrong", [{"width": 31}, {"noise_model": "unet", "horizon": 4}, {"x": 1}])
 def test_a_config_that_does_not_fit_is_refused(wrong):
     with pytest.raises(ValueError, match=r"multiple|Extra"):
         DiffLightConfig.model_validate(wrong)

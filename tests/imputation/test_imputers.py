@@ -187,7 +187,19 @@ def test_store_and_forward_takes_the_previous_step_of_the_nearest():
         before = filled[t - 1].values.reshape(-1, N_FEATURES)
         for slot in range(12):
             row = table[4 * 12 + slot]
-            assert np.allclose(filled[t].values[4, slot], before[row[row >= 0]].mean(axis=0))
+            reported = [near for near in row[row >= 0] if mask.flat[near]]
+            assert np.allclose(filled[t].values[4, slot], before[reported].mean(axis=0))
+
+
+def test_store_and_forward_takes_what_it_filled_where_nothing_reported():
+    rng = np.random.default_rng(5)
+    values = rng.random((4, GRID.n, 12))
+    masks = [everything(GRID), nothing(GRID), nothing(GRID)]
+    filled = run("sfm", GRID, values[:3], masks)
+    before = filled[1].values.reshape(-1, N_FEATURES)
+    for slot, row in enumerate(nearest_slots(GRID, 12)):
+        expected = before[row[row >= 0]].mean(axis=0)
+        assert np.allclose(filled[2].values.reshape(-1, N_FEATURES)[slot], expected)
 
 
 def test_store_and_forward_counts_per_lane():
@@ -226,12 +238,10 @@ def test_nearest_slots_are_by_hops(net):
         distance = np.where(reached, np.minimum(distance, hops), distance)
     for slot, row in enumerate(nearest_slots(network, 12)):
         found = row[row >= 0]
-        others = np.sort(np.delete(distance[slot], slot))
+        reachable = np.sort(distance[slot][distance[slot] < size])
         assert len(set(found)) == len(found)
-        if (others < size).any():
-            assert distance[slot, found].tolist() == others[others < size][:12].tolist()
-        else:
-            assert found.tolist() == [slot]
+        assert found[0] == slot
+        assert distance[slot, found].tolist() == reachable[:12].tolist()
         if network.slot_mask.flat[slot]:
             assert network.slot_mask.flat[found].all()
 
@@ -242,8 +252,9 @@ def test_nearest_slots_of_a_straight_movement():
     row = nearest_slots(network, 12)[flat(network, "n_2_2", W, STRAIGHT)].tolist()
     feeders = [("n_2_1", W, STRAIGHT), ("n_2_1", S, RIGHT), ("n_2_1", N, LEFT)]
     followers = [("n_2_3", W, turn) for turn in (LEFT, STRAIGHT, RIGHT)]
-    assert set(row[:3]) == {flat(network, *slot) for slot in feeders}
-    assert set(row[3:6]) == {flat(network, *slot) for slot in followers}
+    assert row[0] == flat(network, "n_2_2", W, STRAIGHT)
+    assert set(row[1:4]) == {flat(network, *slot) for slot in feeders}
+    assert set(row[4:7]) == {flat(network, *slot) for slot in followers}
 
 
 def test_corner_right_turn_keeps_its_own_value():
@@ -257,5 +268,5 @@ def test_corner_right_turn_keeps_its_own_value():
 def test_registry():
     assert isinstance(make_imputer("sfm"), StoreAndForward)
     assert make_imputer("last") is not make_imputer("last")
-    with pytest.raises(UserError, match=r"imputer: sfn .* did you mean sfm\? allowed: last, mean"):
+    with pytest.raises(UserError, match=r"imputer: sfn .* did you mean sfm\? allowed: last, mean, sfm, sfm-4"):
         make_imputer("sfn")

@@ -8,12 +8,10 @@ import sys
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from tools.bench.case import Case, run_module, sumo_program
-from tools.bench.loop import BARE, bare
-from tools.bench.processes import BenchError, Program, alternate
-from tools.bench.report import cost_table, table, values
+from tools.bench.case import Case, run_module
+from tools.bench.processes import BenchError
+from tools.bench.report import table
 
-OUTPUTS = "sumo, our outputs"
 LOADED = "tsc_missing.cli.run"
 IMPORT_LINE = re.compile(r"import time:\s+(\d+) \|\s+(\d+) \| ( *)(\S+)$")
 SHOWN = 12  # of the packages that are imported
@@ -21,13 +19,11 @@ SHOWN = 12  # of the packages that are imported
 
 def bench_costs(case: Case, rounds: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """Measure, print the tables, and return the values for JSON."""
-    costs = alternate([bare(case), _with_outputs(case)], rounds, tell)
-    print(f"\nSUMO's own outputs: {case.controller}, {case.wanted.net}")
-    print(cost_table(costs, BARE))
     tell("stages of a run")
     runs = [_stages(case) for _ in range(rounds)]
     stages = [_median_stage(rows) for rows in zip(*runs, strict=True)]
-    print("\nStages of one tsc-run, without what is inside them, in the order of their first call")
+    print(f"\nStages of one tsc-run ({case.controller}, {case.wanted.net}), in the order of their")
+    print("first call; what a stage calls that is a stage itself counts for that one")
     rows = [
         [s["stage"], str(s["calls"]), f"{s['wall']:.3f}", f"{s['cpu']:.3f}", f"{s['memory']:+.1f}"]
         for s in stages
@@ -40,27 +36,9 @@ def bench_costs(case: Case, rounds: int, tell: Callable[[str], None]) -> dict[st
     print(table(["", "[ms]"], [*rows[:SHOWN], ["all", f"{1000 * sum(imports.values()):.1f}"]]))
     return {
         "controller": case.controller,
-        **values(costs, BARE),
         "stages": stages,
         "imports": imports,
     }
-
-
-def _with_outputs(case: Case) -> Program:
-    """The bare simulator writing the outputs that a run of ours reads."""
-    lanes = str(case.folder / "run" / "lanes.add.xml")
-    return Program(
-        OUTPUTS,
-        lambda out: [
-            sumo_program(),
-            case.end,
-            *case.sumo_arguments(lanes),
-            f"--tripinfo-output={out}.trips",
-            "--tripinfo-output.write-unfinished",
-            "--tripinfo-output.write-undeparted",
-            f"--statistic-output={out}.statistics",
-        ],
-    )
 
 
 def _stages(case: Case) -> list[dict[str, Any]]:

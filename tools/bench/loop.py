@@ -10,7 +10,7 @@ from tools.bench.case import Case, run_module, sumo_program
 from tools.bench.processes import Cost, Program, alternate, measure, memory_floor
 from tools.bench.report import Target, cost_table, values, verdict
 
-OURS, BARE, LIBSUMO = "tsc-run", "sumo", "libsumo"
+OURS, BARE, OUTPUTS, LIBSUMO = "tsc-run", "sumo", "sumo, our outputs", "libsumo"
 TARGETS = (Target(OURS, BARE, "wall", 1.10), Target(OURS, BARE, "memory", 1.3))
 CALL = Path(__file__).parent / "programs" / "bare_libsumo.py"
 
@@ -25,6 +25,21 @@ def bare(case: Case) -> Program:
     return Program(BARE, lambda _: [sumo_program(), case.end, *case.sumo_arguments()])
 
 
+def with_outputs(case: Case) -> Program:
+    """The executable with the outputs that every result is read from (trips, totals, lanes)."""
+    lanes = str(case.folder / "run" / "lanes.add.xml")
+    return Program(
+        OUTPUTS,
+        lambda out: [
+            sumo_program(),
+            case.end,
+            *case.sumo_arguments(lanes),
+            *trip_output(Path(f"{out}.trips")),
+            f"--statistic-output={out}.statistics",
+        ],
+    )
+
+
 def libsumo(case: Case) -> Program:
     """The least that a Python program can do that runs the simulation in libsumo."""
     horizon = str(case.wanted.horizon)
@@ -34,20 +49,18 @@ def libsumo(case: Case) -> Program:
 def bare_traffic(case: Case) -> dict[str, Any]:
     """What became of the vehicles of the bare simulation, from a run that writes its trips."""
     trips = case.folder / "bare-trips.xml"
-    measure(
-        Program(
-            BARE,
-            lambda _: [
-                sumo_program(),
-                case.end,
-                *case.sumo_arguments(),
-                f"--tripinfo-output={trips}",
-                "--tripinfo-output.write-unfinished",
-                "--tripinfo-output.write-undeparted",
-            ],
-        )
-    )
+    command = [sumo_program(), case.end, *case.sumo_arguments(), *trip_output(trips)]
+    measure(Program(BARE, lambda _: command))
     return read_traffic(case, trips)
+
+
+def trip_output(target: Path) -> tuple[str, ...]:
+    """The options that make SUMO write a record a trip, whatever became of it."""
+    return (
+        f"--tripinfo-output={target}",
+        "--tripinfo-output.write-unfinished",
+        "--tripinfo-output.write-undeparted",
+    )
 
 
 def read_traffic(case: Case, trips: Path) -> dict[str, Any]:
@@ -74,7 +87,7 @@ def same_traffic(case: Case, other: dict[str, Any]) -> str:
 def bench_loop(case: Case, rounds: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """Measure, print the table, and return the values for JSON."""
     other = bare_traffic(case)
-    costs = alternate([ours(case), bare(case), libsumo(case)], rounds, tell)
+    costs = alternate([ours(case), bare(case), with_outputs(case), libsumo(case)], rounds, tell)
     print(f"\nClosed loop against the bare simulator: {case.controller}, {case.wanted.net}")
     print(cost_table(costs, BARE))
     print(same_traffic(case, other))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.bench.case import Case, sumo_home
-from tools.bench.loop import OURS, ours, read_traffic, same_traffic
+from tools.bench.loop import OURS, ours, read_traffic, same_traffic, trip_output
 from tools.bench.processes import BenchError, Program, alternate, measure
 from tools.bench.report import Target, cost_table, values, verdict
 
@@ -38,12 +38,7 @@ def sumo_rl(case: Case, name: str, *extra: str) -> Program:
 def rl_traffic(case: Case) -> dict[str, Any]:
     """What became of sumo-rl's vehicles, from a run that writes its trips."""
     trips = case.folder / "sumo-rl-trips.xml"
-    outputs = (
-        f"--tripinfo-output={trips}",
-        "--tripinfo-output.write-unfinished",
-        "--tripinfo-output.write-undeparted",
-    )
-    measure(sumo_rl(case, RL_PLAIN, *outputs))
+    measure(sumo_rl(case, RL_PLAIN, *trip_output(trips)))
     return read_traffic(case, trips)
 
 

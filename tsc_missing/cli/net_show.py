@@ -49,7 +49,7 @@ def show(
     seed: Annotated[int, typer.Option(help="Seed of demand and mask.")] = DEFAULT.seed,
     out: Annotated[
         Path | None,
-        typer.Option(help="The picture to write: .png, .svg or .pdf. [default: NAME.png]"),
+        typer.Option(help="The picture to write (.png, .svg, .pdf); else NAME.png."),
     ] = None,
     labels: Annotated[
         bool, typer.Option("--labels", help="Write the intersections' ids into the picture.")

@@ -76,7 +76,7 @@ def run(
     ] = DEFAULT.signals.min_green,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
     out: Annotated[
-        Path | None, typer.Option(help="The run folder to write. [default: a new one in runs/]")
+        Path | None, typer.Option(help="The run folder to write. Default: a new one in runs/")
     ] = None,
     decisions: Annotated[bool, typer.Option(help="Write decisions.parquet.")] = True,
     as_json: Annotated[

@@ -34,7 +34,7 @@ class DiffLightConfig(Settings):
     scaling: ScalingSettings = ScalingSettings()
 
     width: int = Field(64, ge=8)  # D
-    heads: int = Field(4, ge=1)
+    heads: int = Field(2, ge=1)
     layers: int = Field(1, ge=1)  # L, encoder layers
     hidden: int = Field(128, ge=8)  # of the MLP of an encoder layer
     inverse_width: int = Field(64, ge=8)  # of the inverse dynamics
@@ -65,4 +65,6 @@ class DiffLightConfig(Settings):
     @classmethod
     def as_published(cls) -> "DiffLightConfig":
         """The method as its paper has it, without what was added here."""
-        return cls(predict="noise", known_flag=False, own_signals=False, slot_identity=False)
+        return cls(
+            predict="noise", heads=4, known_flag=False, own_signals=False, slot_identity=False
+        )

@@ -37,7 +37,7 @@ class Projection(nn.Module):
 
 def mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
     """f_MLP of the paper: two linear layers."""
-    return nn.Sequential(Dense(inputs, hidden), nn.SiLU(), Dense(hidden, outputs))
+    return nn.Sequential(Dense(inputs, hidden), nn.ReLU(), Dense(hidden, outputs))
 
 
 class StepEmbedding(nn.Module):

@@ -149,7 +149,7 @@ class STFormer(NoiseModel):
             features.append(blank(near.signals, near.exists.unsqueeze(-1)))
         features.append(near.exists[..., None, None].float().expand(*given.shape, 1))
         e: Tensor = self.upstream(torch.cat(features, dim=-1).to(dtype)) + tt.to(dtype)
-        return nnf.silu(e).flatten(2, 3)
+        return nnf.relu(e).flatten(2, 3)
 
     def _slot_mask(
         self, slots: Tensor, steps: int, count: int, dtype: torch.dtype

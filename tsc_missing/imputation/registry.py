@@ -10,6 +10,7 @@ from tsc_missing.imputation.store_and_forward import StoreAndForward
 
 IMPUTERS: dict[str, Callable[[], Imputer]] = {
     "sfm": StoreAndForward,
+    "sfm-4": lambda: StoreAndForward(k=4),
     "last": LastValue,
     "mean": HistoricalMean,
 }
