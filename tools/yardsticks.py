@@ -10,52 +10,35 @@ both in SUMO. ``--vehicle tau=1.8`` (repeatable) tries another vehicle type, ``-
 
 import argparse
 import json
-import multiprocessing
 import tempfile
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tools.datasets import DATASETS, REFERENCE
+from tools.runs import HORIZON, import_dataset, run_all, seconds
 from tsc_missing.config import RunSettings, VehicleType
 from tsc_missing.evaluation.metrics import Result
-from tsc_missing.evaluation.run import Options, execute, prepare
-from tsc_missing.network.importing import import_cityflow
 from tsc_missing.versions import versions
 
 CONVERSION = ("fixed-time-15", "fixed-time-30", "max-pressure", "max-queue")
 BUNDLED = ("fixed-time-15", "max-queue", "max-pressure")
 SEEDS = (0, 1, 2)
-HORIZON = 3600
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run of a dataset; ``net`` is a folder for the recorded and a name for the bundled."""
+    """One run of a dataset, recorded or bundled."""
 
     dataset: str
-    controller: str
-    net: str
-    seed: int
-    vehicle: VehicleType
+    settings: RunSettings
 
-
-def run_job(job: Job) -> Result:
-    """The result of a job, everything observed."""
-    settings = RunSettings(
-        net=job.net, controller=job.controller, seed=job.seed, vehicle=job.vehicle
-    )
-    return execute(prepare(settings, Options()))
-
-
-def run_all(jobs: Sequence[Job], workers: int) -> list[Result]:
-    """All results, each from a process of its own, in the order of the jobs."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
-        return list(pool.map(run_job, jobs))
+    @property
+    def controller(self) -> str:
+        """The controller's name."""
+        return self.settings.controller
 
 
 def conversion_table(jobs: Sequence[Job], results: Sequence[Result], shared: Path) -> list[str]:
@@ -71,11 +54,11 @@ def conversion_table(jobs: Sequence[Job], results: Sequence[Result], shared: Pat
     deviations = []
     for job, result in zip(jobs, results, strict=True):
         expected = reference[job.dataset, job.controller]
-        ratio = _seconds(result) / expected
+        ratio = seconds(result) / expected
         if not job.dataset.startswith("newyork"):
             deviations.append(abs(ratio - 1))
         lines.append(
-            f"| {job.dataset} | {job.controller} | {expected:.1f} | {_seconds(result):.1f} | "
+            f"| {job.dataset} | {job.controller} | {expected:.1f} | {seconds(result):.1f} | "
             f"{ratio:.3f} | {result.inserted} | {result.finished} | "
             f"{'yes' if result.gridlock else 'no'} |"
         )
@@ -105,22 +88,17 @@ def bundled_table(
         if job.controller not in BUNDLED:
             continue
         drawn = [
-            _seconds(r)
+            seconds(r)
             for j, r in zip(bundled, bundled_results, strict=True)
             if (j.dataset, j.controller) == (job.dataset, job.controller)
         ]
-        ratio = float(np.mean(drawn)) / _seconds(result)
+        ratio = float(np.mean(drawn)) / seconds(result)
         deviations.append(abs(ratio - 1))
         values = ", ".join(f"{value:.1f}" for value in drawn)
         lines.append(
-            f"| {job.dataset} | {job.controller} | {_seconds(result):.1f} | {values} | {ratio:.3f} |"
+            f"| {job.dataset} | {job.controller} | {seconds(result):.1f} | {values} | {ratio:.3f} |"
         )
     return [*lines, "", f"Worst |mean ratio − 1|: {100 * max(deviations):.1f} %."]
-
-
-def _seconds(result: Result) -> float:
-    assert result.att_all is not None
-    return result.att_all
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -131,16 +109,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         recorded, bundled = [], []
         for dataset in wanted:
-            folder = Path(scratch, dataset.name)
-            files = dataset.roadnet(options.shared), dataset.flow(options.shared)
-            import_cityflow(*files, folder, dataset.name, HORIZON)
-            recorded += [Job(dataset.name, c, str(folder), 0, vehicle) for c in CONVERSION]
+            net = import_dataset(dataset, options.shared, Path(scratch))
+            recorded += [
+                Job(dataset.name, RunSettings(net=net, controller=c, vehicle=vehicle))
+                for c in CONVERSION
+            ]
             bundled += [
-                Job(dataset.name, c, dataset.name, s, vehicle) for c in BUNDLED for s in SEEDS
+                Job(dataset.name, RunSettings(net=dataset.name, controller=c, seed=s))
+                for c in BUNDLED
+                for s in SEEDS
             ]
         if options.only == "conversion":
             bundled = []
-        results = run_all([*recorded, *bundled], options.workers)
+        jobs = [*recorded, *bundled]
+        results = run_all([job.settings for job in jobs], options.workers)
     first, second = results[: len(recorded)], results[len(recorded) :]
     text = _document(
         conversion_table(recorded, first, options.shared),
