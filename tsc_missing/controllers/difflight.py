@@ -1,0 +1,98 @@
+"""DiffLight: one diffusion model fills the holes, plans ahead and decides."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
+from tsc_missing.errors import UserError
+from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.sensing.observation import QUEUE, Observation
+
+if TYPE_CHECKING:  # torch takes seconds and 200 MB: only runs that use it import it
+    from tsc_missing.controllers.planner import Planned, Planner
+
+Scoring = Literal["inverse", "queue", "mixed"]
+"""How phases are scored on a plan.
+
+``inverse``: by the inverse dynamics from the present to the planned next step (the paper).
+``queue``: by the queues of the present, imputed where not observed (max-queue).
+``mixed``: as ``inverse`` where the intersection has a sensor, so that the reward guides its plan;
+as ``queue`` where it has none.
+"""
+
+NO_PHASE = -1  # the answer where the model gave no number
+
+
+class DiffLight(Controller):
+    """The diffusion controller; needs no imputer, and no sensor at every intersection.
+
+    Where the model's scores are not finite it answers -1, which is no phase: ``Safe`` answers.
+    """
+
+    def __init__(
+        self, weights: Path, sampling_steps: int = 10, scoring: Scoring = "inverse"
+    ) -> None:
+        """Load the weights; ``sampling_steps`` reverse steps a decision.
+
+        Raises ``UserError`` for weights that cannot be used.
+        """
+        self._planner = load_planner(weights, sampling_steps, guided=True)
+        self._scoring = scoring
+        self._planned: Planned | None = None
+
+    def reset(self, context: ControlContext) -> None:
+        """Forget everything and get ready for a run on the context's network."""
+        self._planned = None
+        self._network = context.network
+        sensed = (context.sensors & context.network.slot_mask).any(axis=1)
+        self._by_inverse = {
+            "inverse": np.ones_like(sensed),
+            "queue": np.zeros_like(sensed),
+            "mixed": sensed,
+        }[self._scoring]
+        self._planner.reset(context)
+
+    def decide(self, observation: Observation) -> IntArray:
+        """(N,): the phase with the highest score; ties go to the lowest phase."""
+        self._planned = None
+        self._planned = self._planner.plan(observation)
+        return best_finite(self._scores(self._planned))
+
+    def estimates(self) -> FloatArray | None:
+        """(N, 12, F) [vehicles]: the present of the last decision, without holes."""
+        return None if self._planned is None else self._planned.present
+
+    def plans(self) -> FloatArray | None:
+        """(N, H, 12, F) [vehicles]: what the last decision expects of the next H steps."""
+        return None if self._planned is None else self._planned.future
+
+    def _scores(self, planned: Planned) -> FloatArray:
+        """(N, P), -inf without the phase."""
+        queues = phase_scores(self._network, planned.present[:, :, QUEUE])
+        return np.where(self._by_inverse[:, None], planned.logits, queues)
+
+
+def best_finite(scores: FloatArray) -> IntArray:
+    """(N,): the phase with the largest of ``scores`` (N, P), ``NO_PHASE`` where one is NaN."""
+    best = np.argmax(scores.round(TIE_DECIMALS), axis=1)
+    usable = ~np.isnan(scores).any(axis=1) & np.isfinite(scores.max(axis=1))
+    return np.where(usable, best, NO_PHASE).astype(np.int64)
+
+
+def load_planner(weights: Path, sampling_steps: int, guided: bool) -> Planner:
+    """The model of a weights file, ready to plan; imports torch.
+
+    Raises ``UserError`` for weights that cannot be used, and where torch is not installed.
+    """
+    try:
+        from tsc_missing.controllers.planner import Planner
+    except ModuleNotFoundError as error:
+        raise UserError(
+            "weights", weights, f"they need {error.name}, which is not installed"
+        ) from error
+    return Planner(weights, sampling_steps, guided)

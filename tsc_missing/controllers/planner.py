@@ -1,0 +1,90 @@
+"""From a stream of observations to plans: what the diffusion controller and imputer share.
+
+Importing this imports torch; ``difflight.load_planner`` does it when a planner is wanted.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from tsc_missing.controllers.base import ControlContext
+from tsc_missing.controllers.recent import RecentSteps
+from tsc_missing.diffusion.history import History
+from tsc_missing.diffusion.memory import keep_freed_memory
+from tsc_missing.diffusion.weights import load_weights
+from tsc_missing.errors import UserError
+from tsc_missing.network.model import FloatArray
+from tsc_missing.sensing.observation import Observation
+
+THREADS = 1  # a second gains little on so small a model; and one gives the same sums everywhere
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What the model makes of an observation and those before it."""
+
+    present: FloatArray  # (N, 12, F) [vehicles] the observation without holes
+    future: FloatArray  # (N, H, 12, F) [vehicles] planned
+    logits: FloatArray  # (N, P) of the phase to run now, -inf without the phase
+
+
+class Planner:
+    """A model that remembers the last C observations of a run and plans from them.
+
+    What it generates is not remembered: one bad plan does not spoil the next. Its noise comes
+    from the context's seed.
+    """
+
+    def __init__(self, weights: Path, sampling_steps: int, guided: bool) -> None:
+        """Load the model; not ``guided`` leaves rewards out, for imputation only.
+
+        Sets the number of threads and the memory settings of the process. Raises ``UserError``
+        for weights that cannot be used.
+        """
+        self.model, self.manifest = load_weights(weights)
+        most = self.model.config.diffusion_steps
+        if not 1 <= sampling_steps <= most:
+            raise UserError(
+                "sampling_steps", sampling_steps, f"with these weights it must be 1 to {most}"
+            )
+        self._sampling_steps = sampling_steps
+        self._guided = guided
+        torch.set_num_threads(THREADS)
+        keep_freed_memory()
+
+    def reset(self, context: ControlContext) -> None:
+        """Forget everything and get ready for a run on the context's network."""
+        network = context.network
+        self._recent = RecentSteps(network.n, self.model.config.history)
+        self._generator = torch.Generator().manual_seed(context.seed)
+        self._observable = torch.from_numpy(context.sensors & network.slot_mask)
+        self._slots = torch.from_numpy(network.slot_mask)
+        self._neighbours = torch.from_numpy(network.neighbours)
+        self._phases = torch.from_numpy(network.phases)
+        self._phase_mask = torch.from_numpy(network.phase_mask)
+
+    def plan(self, observation: Observation) -> Planned:
+        """Take in the next observation of the run, fill its holes and plan from it."""
+        self._recent.take(observation)
+        noise = self.model.initial_noise(len(self._slots), self._generator)
+        plan = self.model.plan(self._history(), noise, self._sampling_steps, self._guided)
+        return Planned(
+            present=plan.imputed[:, -1].double().numpy(),
+            future=plan.future.double().numpy(),
+            logits=plan.logits.double().numpy(),
+        )
+
+    def _history(self) -> History:
+        recent = self._recent
+        return History(
+            values=torch.from_numpy(recent.values),
+            known=torch.from_numpy(recent.known),
+            green=torch.from_numpy(recent.green),
+            red_steps=torch.from_numpy(recent.red_steps),
+            observable=self._observable,
+            slots=self._slots,
+            neighbours=self._neighbours,
+            phases=self._phases,
+            phase_mask=self._phase_mask,
+        )

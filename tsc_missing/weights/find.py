@@ -1,0 +1,38 @@
+"""From what a user calls them to the file of the weights."""
+
+from pathlib import Path
+
+from tsc_missing.errors import UserError, nearest
+
+FOLDER = Path(__file__).resolve().parent
+FILE = "weights.safetensors"
+FIELD = "weights"
+MAKING = "`tsc-train scenarios/training/universal.toml` makes weights"
+
+
+def packaged_weights() -> list[str]:
+    """The names of the weights that come with the package."""
+    return sorted(path.parent.name for path in FOLDER.glob(f"*/{FILE}"))
+
+
+def find_weights(name: str) -> Path:
+    """The file of the packaged weights ``name``, or of those at the path ``name``.
+
+    A path is that of a weights file or of a folder with a ``weights.safetensors``. Raises
+    ``UserError`` where there is neither.
+    """
+    packaged = packaged_weights()
+    if name in packaged:
+        return FOLDER / name / FILE
+    for path in (Path(name, FILE), Path(name)):
+        if _is_file(path):
+            return path
+    names = nearest(name, packaged) + "," if packaged else "none come with this installation;"
+    raise UserError(FIELD, name or "nothing", f"{names} or the path of a file; {MAKING}")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no permission, or too long a name
+        return False
