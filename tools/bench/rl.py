@@ -67,7 +67,8 @@ def _compared(mine: dict[str, Any], other: dict[str, Any]) -> str:
     green keep its priority, where ours gives way as long as either phase has it give way.
     """
     ratio = other["att_all"] / mine["att_all"] - 1.0
-    return (
-        f"traffic: {mine['finished']} of {mine['demand']} finished here, {other['finished']} there; "
-        f"mean travel time {mine['att_all']:.1f} s here, {other['att_all']:.1f} s there ({ratio:+.2%})"
+    here, there = (
+        f"{one['finished']} of {one['demand']} finished, {one['att_all']:.1f} s on average"
+        for one in (mine, other)
     )
+    return f"traffic: {here} here, {there} there ({ratio:+.2%} travel time)"

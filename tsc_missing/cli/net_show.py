@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tsc_missing.cli.options import make_settings, missing_rate
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 
@@ -59,7 +60,6 @@ def show(
     ] = False,
 ) -> None:
     """Draw a network, and which of its sensors are missing, and print it in numbers."""
-    from tsc_missing.cli.run import make_settings
     from tsc_missing.evaluation.overview import look_at
     from tsc_missing.network.picture import check_picture_path, draw_network, save_picture
 
@@ -97,11 +97,7 @@ def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None)
     if len(chosen) > 1:
         value = mask if chosen[1] == "--mask" else run
         raise UserError(chosen[1], value, f"it cannot go with {chosen[0]}")
-    if pattern == "none" and rate:
-        raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
-    if pattern != "none" and rate is None:
-        raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
-    return rate or 0.0
+    return missing_rate(pattern, rate)
 
 
 def caption(overview: "Overview") -> str:

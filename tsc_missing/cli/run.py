@@ -4,14 +4,13 @@ import itertools
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
 from tsc_missing.cli.common import make_app, messages, run_app
+from tsc_missing.cli.options import make_settings, missing_rate
 from tsc_missing.config import RunSettings
-from tsc_missing.errors import UserError, nearest
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -93,7 +92,7 @@ def run(
         blind=blind,
         missing={
             "pattern": missing,
-            "rate": _rate(missing, rate, mask),
+            "rate": missing_rate(missing, rate, needed=mask is None),
             "adjacent": adjacent,
             "mean_outage": mean_outage,
         },
@@ -117,36 +116,6 @@ def run(
         sys.stdout.write("\n")
     else:
         _print_result(prepared, result, folder)
-
-
-def make_settings(**values: Any) -> RunSettings:
-    """The settings of a run; ``UserError`` names the option that is wrong."""
-    try:
-        return RunSettings.model_validate(values)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = str(first["loc"][-1]) if first["loc"] else "options"
-        option = OPTION_OF.get(name, name).replace("_", "-")
-        raise UserError(f"--{option}", first["input"], _allowed(first)) from None
-
-
-OPTION_OF = {"pattern": "missing", "kind": "sensor", "length": "detector_length"}
-
-
-def _allowed(problem: Any) -> str:
-    """Words for what is allowed, with the nearest name where a name was wanted."""
-    if problem["type"] == "literal_error":
-        names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")
-        return nearest(str(problem["input"]), names)
-    return str(problem["msg"]).removeprefix("Value error, ")
-
-
-def _rate(pattern: str, rate: float | None, mask: Path | None) -> float:
-    if rate is not None and pattern == "none" and rate != 0:
-        raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
-    if rate is None and pattern != "none" and mask is None:
-        raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
-    return rate or 0.0
 
 
 def _free_folder(settings: RunSettings) -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
 from tsc_missing.errors import UserError
-from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray
 from tsc_missing.sensing.observation import QUEUE, Observation
 
 if TYPE_CHECKING:  # torch takes seconds and 200 MB: only runs that use it import it
@@ -49,12 +49,7 @@ class DiffLight(Controller):
         """Forget everything and get ready for a run on the context's network."""
         self._planned = None
         self._network = context.network
-        sensed = (context.sensors & context.network.slot_mask).any(axis=1)
-        self._by_inverse = {
-            "inverse": np.ones_like(sensed),
-            "queue": np.zeros_like(sensed),
-            "mixed": sensed,
-        }[self._scoring]
+        self._by_inverse = self._where_inverse(context)
         self._planner.reset(context)
 
     def decide(self, observation: Observation) -> IntArray:
@@ -70,6 +65,12 @@ class DiffLight(Controller):
     def plans(self) -> FloatArray | None:
         """(N, H, 12, F) [vehicles]: what the last decision expects of the next H steps."""
         return None if self._planned is None else self._planned.future
+
+    def _where_inverse(self, context: ControlContext) -> BoolArray:
+        """(N,): whether the inverse dynamics scores the intersection's phases."""
+        if self._scoring == "mixed":
+            return np.asarray((context.sensors & context.network.slot_mask).any(axis=1))
+        return np.full(context.network.n, self._scoring == "inverse")
 
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""

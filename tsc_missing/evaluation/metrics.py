@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from tsc_missing.evaluation.closed_loop import Scene, Trace
 from tsc_missing.network.model import FloatArray
+from tsc_missing.sensing.masks import missing_share
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.simulation.outputs import (
     OutputFiles,
@@ -66,7 +67,7 @@ def summarise(
         **_counts(trips, totals, horizon),
         **_decision_times(trace),
         "mean_queue": float(trace.truth[:, :, :, QUEUE].sum(axis=(1, 2)).mean()),
-        "missing_share": missing_share(scene, trace),
+        "missing_share": missing_share(trace.mask, scene.network.slot_mask),
         "imputation_mae": imputation_error(scene, trace, trace.estimate),
         "fallbacks": fallbacks,
         "held_greens": trace.held,
@@ -117,11 +118,6 @@ def gridlocked(trips: TripTimes, horizon: float) -> bool:
     there = (trips.depart < begin) & ~(trips.arrival < begin)
     arrived = (trips.arrival >= begin).sum()
     return bool(begin > 0 and arrived < GRIDLOCK_SHARE * there.sum())
-
-
-def missing_share(scene: Scene, trace: Trace) -> float:
-    """The share of (step, slot) cells that did not report, over the slots that are there."""
-    return float(1.0 - trace.mask[:, scene.network.slot_mask].mean())
 
 
 def imputation_error(scene: Scene, trace: Trace, estimate: FloatArray) -> float | None:

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import MASK, RUN
@@ -113,21 +111,13 @@ def _mask(
             raise UserError(
                 "--run", run_folder, f"it has no {MASK}: its controller used no sensors"
             )
-        return whole_mask(run_folder / MASK, network), f"run {run_folder.resolve().name}"
+        return load_mask(run_folder / MASK, network), f"run {run_folder.resolve().name}"
     if mask_file is not None:
-        return whole_mask(mask_file, network), f"mask {mask_file.name}"
+        return load_mask(mask_file, network), f"mask {mask_file.name}"
     if settings.missing.pattern == "none":
         return None, ""
     mask = draw_mask(settings.missing, network, settings.steps, settings.seed)
     return mask, f"{missing_words(settings.missing)}, seed {settings.seed}"
-
-
-def whole_mask(path: Path, network: Network) -> BoolArray:
-    """All steps of a mask file."""
-    load_mask(path, network, steps=1)  # tells what is wrong with it
-    with np.load(path, allow_pickle=False) as archive:
-        steps = len(archive["mask"])
-    return load_mask(path, network, steps)
 
 
 def missing_words(missing: MissingSettings) -> str:

@@ -32,8 +32,11 @@ def save_mask(path: Path, mask: BoolArray, intersection_ids: Sequence[str]) -> N
         )
 
 
-def load_mask(path: Path, network: Network, steps: int) -> BoolArray:
-    """(T, N, 12): the first ``steps`` steps of a mask that was saved for the same intersections."""
+def load_mask(path: Path, network: Network, steps: int | None = None) -> BoolArray:
+    """(T, N, 12): a mask that was saved for the same intersections.
+
+    Its first ``steps`` steps, or all of them.
+    """
     fields = _read(path)
     if fields["format"].tolist() != FORMAT:
         raise UserError("mask", path, f"it must be a mask file of format {FORMAT}")
@@ -51,7 +54,7 @@ def load_mask(path: Path, network: Network, steps: int) -> BoolArray:
             f"its array must be bool (steps, {network.n}, {N_SLOTS}), found {mask.dtype} "
             f"{mask.shape}",
         )
-    if len(mask) < steps:
+    if steps is not None and len(mask) < steps:
         raise UserError(
             "mask", path, f"it must hold at least the run's {steps} steps, found {len(mask)}"
         )

@@ -1,0 +1,210 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="the diffusion controller needs torch")
+
+from tests.controllers.helpers import cross_and_tee
+from tests.controllers.planning import (
+    STEPS,
+    observations,
+    reorder_noise,
+    reordered,
+    save_broken,
+    save_tiny,
+    taken,
+)
+from tests.networks import context_for, grid_network, tee_network
+from tsc_missing.controllers.check import check_controller
+from tsc_missing.controllers.difflight import DiffLight, best_finite
+from tsc_missing.controllers.fallback import Safe
+from tsc_missing.controllers.recent import RecentSteps
+from tsc_missing.errors import UserError
+from tsc_missing.weights import find
+
+SCORINGS = pytest.mark.parametrize("scoring", ["inverse", "queue", "mixed"])
+GRID = grid_network(2, 3)
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    return save_tiny(tmp_path_factory.mktemp("weights") / find.FILE)
+
+
+@pytest.fixture
+def controller(weights):
+    return DiffLight(weights, sampling_steps=3)
+
+
+def run(controller, network, seed=0, poison=None):
+    """(STEPS, N) phases and (STEPS, N, 12, F) estimates."""
+    controller.reset(context_for(network, seed))
+    steps = [
+        (controller.decide(observation), controller.estimates())
+        for observation in observations(network, poison)
+    ]
+    return tuple(np.array(column) for column in zip(*steps, strict=True))
+
+
+@SCORINGS
+def test_it_conforms(weights, scoring):
+    check_controller(lambda: DiffLight(weights, 1, scoring), cross_and_tee())
+
+
+@SCORINGS
+@pytest.mark.parametrize("network", [GRID, tee_network(), grid_network(1, 1)])
+def test_phases_are_those_of_the_network_and_all_is_filled(weights, scoring, network):
+    phases, estimates = run(DiffLight(weights, 2, scoring), network)
+    assert network.phase_mask[np.arange(network.n), phases].all()
+    assert np.isfinite(estimates).all()
+    assert (estimates >= 0).all()
+    assert not estimates[:, ~network.slot_mask].any()
+
+
+@pytest.mark.parametrize("poison", [1e9, -np.inf, 0.0])
+def test_what_is_under_the_mask_does_not_matter(controller, poison):
+    for plain, poisoned in zip(
+        run(controller, GRID), run(controller, GRID, poison=poison), strict=True
+    ):
+        np.testing.assert_array_equal(plain, poisoned)
+
+
+def test_a_reported_nan_counts_as_missing(controller):
+    controller.reset(context_for(GRID))
+    for observation in observations(GRID):
+        observation.values[0, 1] = np.nan
+        controller.decide(observation)
+        assert np.isfinite(controller.estimates()).all()
+
+
+def test_the_same_seed_decides_the_same_after_reset_and_another_otherwise(controller):
+    first, again, other = (run(controller, GRID, seed)[1] for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@SCORINGS
+def test_permuting_intersections_permutes_the_decisions(weights, scoring):
+    order = np.array([2, 5, 0, 1, 4, 3])
+    plain, other = (DiffLight(weights, 3, scoring) for _ in range(2))
+    plain.reset(context_for(GRID))
+    other.reset(context_for(reordered(GRID, order)))
+    reorder_noise(other._planner, order)
+    for observation in observations(GRID):
+        phases = plain.decide(observation)
+        assert other.decide(taken(observation, order)).tolist() == phases[order].tolist()
+        np.testing.assert_allclose(other.estimates(), plain.estimates()[order], atol=1e-3)
+        np.testing.assert_allclose(other.plans(), plain.plans()[order], atol=1e-3)
+
+
+def test_estimates_and_plans_are_those_of_the_last_decision(controller):
+    controller.reset(context_for(GRID))
+    assert controller.estimates() is None
+    assert controller.plans() is None
+    for observation in observations(GRID):
+        controller.decide(observation)
+        seen = observation.mask
+        np.testing.assert_array_equal(controller.estimates()[seen], observation.values[seen])
+        assert controller.plans().shape == (GRID.n, 3, 12, 2)
+    controller.reset(context_for(GRID))
+    assert controller.estimates() is None
+
+
+def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):
+    context = context_for(GRID)
+    context.sensors[1] = False
+    runs = {}
+    for scoring in ("inverse", "queue", "mixed"):
+        controller = DiffLight(weights, 2, scoring)
+        controller.reset(context)
+        runs[scoring] = np.array([controller.decide(o) for o in observations(GRID)])
+    blind = np.arange(GRID.n) == 1
+    expected = np.where(blind, runs["queue"], runs["inverse"])
+    np.testing.assert_array_equal(runs["mixed"], expected)
+    assert not np.array_equal(runs["queue"], runs["inverse"])
+
+
+@SCORINGS
+def test_a_broken_model_is_answered_for_and_counted(tmp_path, scoring):
+    safe = Safe(DiffLight(save_broken(tmp_path / "broken"), 2, scoring), deadline_s=60)
+    phases, _ = run(safe, GRID)
+    assert GRID.phase_mask[np.arange(GRID.n), phases].all()
+    assert safe.fallback_steps == STEPS * GRID.n
+    assert "no legal phase" in safe.last_error
+
+
+def test_one_intersection_without_numbers_leaves_the_others_theirs():
+    scores = np.array([[1.0, 2.0], [np.nan, 1.0], [3.0, -np.inf], [np.nan, -np.inf]])
+    assert best_finite(scores).tolist() == [1, -1, 0, -1]
+
+
+def test_the_memory_holds_the_last_steps_and_nothing_from_before_the_first():
+    recent = RecentSteps(GRID.n, 5)
+    seen = []
+    for observation in observations(GRID):
+        recent.take(observation)
+        seen.append(observation)
+        count = min(len(seen), 5)
+        assert not recent.known[:, : 5 - count].any()
+        assert np.isnan(recent.values[:, : 5 - count]).all()
+        for age, past in enumerate(reversed(seen[-5:])):
+            np.testing.assert_array_equal(recent.values[:, -1 - age], past.values)
+            np.testing.assert_array_equal(recent.known[:, -1 - age], past.mask)
+            np.testing.assert_array_equal(recent.red_steps[:, -1 - age], past.red_steps)
+            np.testing.assert_array_equal(recent.green[:, -1 - age], past.red_steps == 0)
+
+
+def test_more_sampling_steps_than_the_model_has(weights):
+    with pytest.raises(UserError, match=r"sampling_steps: 21 is not allowed; .* 1 to 20"):
+        DiffLight(weights, sampling_steps=21)
+
+
+def test_a_cut_off_file_is_refused_at_once(weights, tmp_path):
+    short = tmp_path / "short"
+    short.write_bytes(weights.read_bytes()[:-100])
+    with pytest.raises(UserError, match="not a weights file, or cut off"):
+        DiffLight(short)
+
+
+def test_naming_the_controllers_does_not_import_torch():
+    code = (
+        "import sys, tsc_missing.controllers.registry, tsc_missing.controllers.difflight, "
+        "tsc_missing.imputation.diffusion, tsc_missing.weights.find; "
+        "sys.exit('torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+class TestFindWeights:
+    @pytest.fixture(autouse=True)
+    def _two_come_with_the_package(self, tmp_path, monkeypatch):
+        for name in ("universal", "strict"):
+            (tmp_path / "package" / name).mkdir(parents=True)
+            (tmp_path / "package" / name / find.FILE).touch()
+        monkeypatch.setattr(find, "FOLDER", tmp_path / "package")
+
+    def test_by_name(self, tmp_path):
+        path = tmp_path / "package" / "universal" / find.FILE
+        assert find.find_weights("universal") == path
+
+    def test_by_path(self, tmp_path):
+        (tmp_path / "mine").mkdir()
+        path = tmp_path / "mine" / find.FILE
+        path.touch()
+        assert find.find_weights(str(path)) == path
+        assert find.find_weights(str(path.parent)) == path
+
+    @pytest.mark.parametrize("name", ["univers", "", "no/such/file", ".", "x" * 9999])
+    def test_neither(self, name, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(UserError, match="allowed: strict, universal, or the path") as caught:
+            find.find_weights(name)
+        assert "tsc-train scenarios/training/universal.toml" in str(caught.value)
+        assert ("did you mean universal?" in str(caught.value)) == (name == "univers")
+
+    def test_none_at_all(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(find, "FOLDER", tmp_path / "nothing")
+        with pytest.raises(UserError, match="none come with this installation"):
+            find.find_weights("universal")

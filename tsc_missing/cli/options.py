@@ -1,0 +1,38 @@
+"""From a command's options to settings, with errors that name the option."""
+
+from typing import Any
+
+from pydantic import ValidationError
+
+from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError, nearest
+
+OPTION_OF = {"pattern": "missing", "kind": "sensor", "length": "detector_length"}
+
+
+def make_settings(**values: Any) -> RunSettings:
+    """The settings of a run; ``UserError`` names the option that is wrong."""
+    try:
+        return RunSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = str(first["loc"][-1]) if first["loc"] else "options"
+        option = OPTION_OF.get(name, name).replace("_", "-")
+        raise UserError(f"--{option}", first["input"], _allowed(first)) from None
+
+
+def _allowed(problem: Any) -> str:
+    """Words for what is allowed, with the nearest name where a name was wanted."""
+    if problem["type"] == "literal_error":
+        names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")
+        return nearest(str(problem["input"]), names)
+    return str(problem["msg"]).removeprefix("Value error, ")
+
+
+def missing_rate(pattern: str, rate: float | None, needed: bool = True) -> float:
+    """The rate that goes with a pattern; ``needed`` says whether a pattern must have one."""
+    if pattern == "none" and rate:
+        raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
+    if needed and pattern != "none" and rate is None:
+        raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
+    return rate or 0.0
