@@ -32,9 +32,7 @@ def decisions(network, controller, masks, poison):
         values[hidden] += poison
         exits[hidden] += poison
         spoiled = Measurement(values, exits)
-        phase = controller.decide(
-            apply_mask(spoiled, masks[step], step, 15.0 * step, phase, red)
-        )
+        phase = controller.decide(apply_mask(spoiled, masks[step], step, 15.0 * step, phase, red))
         chosen.append(phase)
     return np.array(chosen)
 

@@ -32,7 +32,7 @@ def grid(request, tmp_path_factory):
 @pytest.fixture(scope="module")
 def tee(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tee")
-    roadnet, flow = write(folder, tee_roadnet(), grid_flows(0, 0)[:0])
+    roadnet, _flow = write(folder, tee_roadnet(), grid_flows(0, 0)[:0])
     import_cityflow(roadnet, None, folder / "net", "net", 600)
     return read_folder(folder / "net", "net")
 
@@ -137,7 +137,7 @@ def test_tee_with_a_shared_lane(tee):
     assert names == {"W-straight", "W-right", "E-straight", "E-left", "S-left", "S-right"}
     south = network.slot_lanes[0][slot_index(S, LEFT)]
     assert south == network.slot_lanes[0][slot_index(S, RIGHT)] == (f"{road(1, 0, 1)}_0",)
-    lane, flat, weight = network.lane_slots
+    lane, _flat, weight = network.lane_slots
     shared = [weight[k] for k, lane_ in enumerate(lane) if network.entrance_lanes[lane_] in south]
     assert shared == [0.5, 0.5]
     assert np.bincount(lane, weight).tolist() == [1.0] * len(network.entrance_lanes)
