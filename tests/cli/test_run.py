@@ -149,7 +149,7 @@ def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
             sys.executable,
             "-m",
             "tsc_missing.cli.run",
-            *("--net", str(small_net), "--horizon", "100000", "--out", "runs/one"),
+            *("--net", str(small_net), "--horizon", "600000", "--out", "runs/one"),
         ],
         cwd=command.cwd,
         stderr=subprocess.PIPE,
@@ -159,7 +159,7 @@ def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
     deadline = time.monotonic() + 60
     while not list((command.cwd).glob("runs/.one.*")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    time.sleep(1.0)
+    time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130

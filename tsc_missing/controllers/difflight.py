@@ -94,6 +94,6 @@ def load_planner(weights: Path, sampling_steps: int, guided: bool) -> Planner:
         from tsc_missing.controllers.planner import Planner
     except ModuleNotFoundError as error:
         raise UserError(
-            "weights", weights, f"they need {error.name}, which is not installed"
+            "weights", weights, f"{error.name} is missing: pip install 'tsc-missing[diffusion]'"
         ) from error
     return Planner(weights, sampling_steps, guided)

@@ -50,6 +50,18 @@ class Observation:
     phase: IntArray  # (N,)
     red_steps: IntArray  # (N, 12)
 
+    def copy(self) -> "Observation":
+        """The same with arrays of its own, for whoever may write into them."""
+        return replace(
+            self,
+            values=self.values.copy(),
+            exits=self.exits.copy(),
+            mask=self.mask.copy(),
+            reward=self.reward.copy(),
+            phase=self.phase.copy(),
+            red_steps=self.red_steps.copy(),
+        )
+
     def filled(self, values: FloatArray, exits: FloatArray) -> "Observation":
         """The same observation with other values; the mask still tells what was reported."""
         return replace(self, values=values, exits=exits, reward=reward_of(values))

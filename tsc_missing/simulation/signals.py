@@ -20,6 +20,7 @@ from tsc_missing.simulation.states import (
 )
 
 Send = Callable[[str, str], None]  # (traffic light id, state)
+Changes = tuple[tuple[int, str], ...]  # (link, its colour before and after)
 
 
 class SignalGuard:
@@ -30,27 +31,33 @@ class SignalGuard:
         self._network = network
         self._settings = settings
         self._send = send
-        self._legal: list[set[str]] = [set() for _ in network.intersections]
+        self._known: list[dict[tuple[str, str], Changes]] = [{} for _ in network.intersections]
         self._states = ["r" * len(node.links) for node in network.intersections]
         self._since = [[-np.inf] * len(node.links) for node in network.intersections]
 
     def send(self, n: int, state: str, time: float) -> None:
         """Send a state at ``time`` [s]; ``SignalSafetyError`` and nothing sent if it is unsafe."""
-        node = self._network.intersections[n]
-        if state not in self._legal[n]:
-            check_state(node, state)
-            self._legal[n].add(state)
-        before, since = self._states[n], self._since[n]
-        for link, (old, new) in enumerate(zip(before, state, strict=True)):
-            self._check_change(f"{node.id} link {link}", old, new, time - since[link])
-        for link, (old, new) in enumerate(zip(before, state, strict=True)):
-            if _colour(old) != _colour(new):
-                since[link] = time
+        node, since = self._network.intersections[n], self._since[n]
+        changes = self._changes(n, state)
+        for link, change in changes:
+            self._check_change(f"{node.id} link {link}", change, time - since[link])
+        for link, _ in changes:
+            since[link] = time
         self._states[n] = state
         self._send(node.id, state)
 
-    def _check_change(self, link: str, old: str, new: str, lasted: float) -> None:
-        change = _colour(old) + _colour(new)
+    def _changes(self, n: int, state: str) -> Changes:
+        """The links whose colour changes, as "gy" for green to yellow; the state is legal."""
+        before = self._states[n]
+        known = self._known[n].get((before, state))
+        if known is None:
+            check_state(self._network.intersections[n], state)
+            pairs = ((_colour(old), _colour(new)) for old, new in zip(before, state, strict=True))
+            known = tuple((link, a + b) for link, (a, b) in enumerate(pairs) if a != b)
+            self._known[n][before, state] = known
+        return known
+
+    def _check_change(self, link: str, change: str, lasted: float) -> None:
         if change == "gr":
             raise SignalSafetyError(f"{link}: from green to red without yellow")
         if change == "gy" and lasted < self._settings.min_green:

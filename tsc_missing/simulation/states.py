@@ -3,6 +3,8 @@
 ``G`` green with priority, ``g`` green but gives way, ``y`` yellow, ``r`` red.
 """
 
+from functools import lru_cache
+
 from tsc_missing.network.records import IntersectionRecord
 
 GREEN = "Gg"
@@ -24,6 +26,7 @@ def green_state(node: IntersectionRecord, phase: int | None) -> str:
     )
 
 
+@lru_cache(maxsize=4096)
 def yellow_state(before: str, after: str) -> str:
     """The state between two: yellow for links that turn red; links that stay green go on.
 
