@@ -17,7 +17,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.network.model import FloatArray
 from tsc_missing.sensing.observation import Observation
 
-THREADS = 1  # a second gains little on so small a model; and one gives the same sums everywhere
+THREADS = 1  # two wait for each other at every small product, seconds long on a busy machine
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,121 @@
+"""``tsc-collect`` and ``tsc-train`` as they are used."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="the diffusion controller needs torch")
+
+from tsc_missing.offline.dataset import read_dataset
+
+CONFIG = """
+data = "data"
+batch = 16
+steps = {steps}
+precision = "float32"
+[model]
+width = 16
+hidden = 16
+inverse_width = 16
+"""
+
+
+def collect(command, net, *options, episodes=2):
+    volume = ("--demand", "recorded", "--volume-min", 1, "--volume-max", 1)
+    common = ("--out", "data", "--net", net, "--horizon", 300, "--episodes", episodes)
+    return command("collect", *common, *volume, *options)
+
+
+def config(command, steps=4):
+    (command.cwd / "c.toml").write_text(CONFIG.format(steps=steps))
+
+
+def test_collect_go_on_train_resume(command, small_net):
+    done = collect(command, small_net)
+    assert done.returncode == 0, done.stderr
+    assert "2 episodes complete" in done.stdout
+    first = command.cwd / "data" / "episodes" / "00000.parquet"
+    made = first.stat().st_mtime_ns, first.read_bytes()
+    (command.cwd / "data" / "episodes" / ".00001.parquet.1").write_bytes(b"cut off")
+    done = collect(command, small_net, "--workers", 1, episodes=3)
+    assert done.returncode == 0, done.stderr
+    assert (first.stat().st_mtime_ns, first.read_bytes()) == made
+    data = read_dataset(command.cwd / "data")
+    assert data.manifest.complete
+    assert len(data.manifest.episodes) == 3
+    assert len(list((command.cwd / "data" / "episodes").iterdir())) == 3
+    assert data.manifest.statistics.max_vehicles >= data.manifest.statistics.mean_vehicles > 0
+    assert data.load(0).phase.shape == (20, 6)
+    other = collect(command, small_net, "--seed", 1)
+    assert other.returncode == 2
+    assert "begun with seed 0" in other.stderr
+
+    config(command)
+    done = command("train", "c.toml", "--out", "t")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "t/weights.safetensors\n"
+    again = command("train", "c.toml", "--out", "t")
+    assert again.returncode == 2
+    assert "--resume" in again.stderr
+
+    config(command, steps=1_000_000)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tsc_missing.cli.train", "c.toml", "--out", "long"],
+        cwd=command.cwd,
+        stderr=subprocess.PIPE,
+        env=dict(os.environ),
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    checkpoint = command.cwd / "long" / "checkpoint.safetensors"
+    while not checkpoint.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.startswith("interrupted; saved at step ")
+    assert errors.count("\n") == 1
+
+
+def test_holes_and_their_blind_set(command, small_net):
+    done = collect(command, small_net, "--missing", "kriging", "--rate", 0.3)
+    assert done.returncode == 0, done.stderr
+    data = read_dataset(command.cwd / "data")
+    assert not data.manifest.complete
+    logs = [data.load(number) for number in range(2)]
+    assert all(not log.values[~log.recorded].any() for log in logs)
+    blind = [~log.recorded.any(axis=(0, 2)) for log in logs]
+    np.testing.assert_array_equal(*blind)
+    assert blind[0].sum() == 2
+    assert json.loads((command.cwd / "data" / "plan.json").read_text())["missing"]["rate"] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--policy", "max-quue"), "did you mean max-queue"),
+        (("--volume-min", "2", "--net", "jinan"), "volume_min"),
+        (("--net", "jnan"), "did you mean"),
+        (("--missing", "random", "--rate", "2"), "rate"),
+    ],
+)
+def test_bad_collections(command, options, words):
+    done = command("collect", "--out", "data", *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (command.cwd / "data").exists()
+
+
+def test_training_without_data(command):
+    config(command)
+    done = command("train", "c.toml")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: data: data is not allowed; there is no such folder")
+    assert list(command.cwd.iterdir()) == [command.cwd / "c.toml"]

@@ -1,0 +1,78 @@
+"""Made-up datasets of grids, without a simulator."""
+
+import json
+
+import numpy as np
+
+from tsc_missing.files import sha256
+from tsc_missing.network.model import Network
+from tsc_missing.offline.dataset import (
+    EPISODES,
+    MANIFEST,
+    NETWORKS,
+    Dataset,
+    DatasetManifest,
+    EpisodeEntry,
+    Source,
+    Statistics,
+    read_dataset,
+    start_dataset,
+    write_json,
+)
+from tsc_missing.offline.log import EpisodeLog, red_steps_of, write_log
+from tsc_missing.offline.plan import CollectSettings, draw_spec
+
+NOTHING = Statistics(cells=1, mean_vehicles=0, max_vehicles=0, mean_queue=0, max_queue=0)
+
+
+def made_up_log(network: Network, steps: int, seed: int, holes: float = 0.0) -> EpisodeLog:
+    """Random counts; where there is a hole, zeros."""
+    rng = np.random.default_rng(seed)
+    shape = (steps, network.n, 12)
+    phase = rng.integers(0, network.phase_mask.sum(axis=1), size=shape[:2])
+    mask = (rng.random(shape) >= holes) | ~network.slot_mask if holes else None
+    values = rng.integers(0, 40, (*shape, 2)) * network.slot_mask[..., None]
+    if mask is not None:
+        values = np.where(mask[..., None], values, 0)
+    return EpisodeLog(values.astype(np.float32), phase, red_steps_of(network, phase), mask)
+
+
+def made_up_dataset(
+    path, networks: dict[str, Network], episodes: int = 5, steps: int = 30, holes: float = 0.0
+) -> Dataset:
+    """Episodes of the networks in turn; each one step longer than the one before."""
+    settings = CollectSettings(nets=tuple(networks), episodes=episodes)
+    start_dataset(path, settings)
+    sources, entries = {}, []
+    for name, network in networks.items():
+        file = path / NETWORKS / f"{name}.json"
+        file.write_text(json.dumps(network.record.model_dump(mode="json")))
+        sources[name] = Source(
+            scenario=name, demand="profile", network=file.name, checksums={"it": sha256(file)}
+        )
+    for number in range(episodes):
+        spec = draw_spec(settings, number)
+        network = networks[spec.net]
+        file = path / EPISODES / spec.file
+        write_log(file, made_up_log(network, steps + number, number, holes), {})
+        entries.append(
+            EpisodeEntry(
+                spec=spec,
+                checksum=sha256(file),
+                steps=steps + number,
+                intersections=network.n,
+                mean_queue=0.0,
+                statistics=NOTHING,
+            )
+        )
+    manifest = DatasetManifest(
+        complete=not holes,
+        settings=settings,
+        sources=sources,
+        statistics=NOTHING,
+        versions={},
+        git=None,
+        episodes=tuple(entries),
+    )
+    write_json(path / MANIFEST, manifest)
+    return read_dataset(path)

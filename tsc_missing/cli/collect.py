@@ -1,0 +1,133 @@
+"""``tsc-collect``: behaviour policies to an offline dataset."""
+
+import signal
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from tsc_missing.cli.common import INTERRUPTED, make_app, messages, run_app
+from tsc_missing.errors import UserError
+from tsc_missing.network.folder import bundled_profiles
+from tsc_missing.offline.dataset import EPISODES, Dataset
+from tsc_missing.offline.plan import CollectSettings
+
+app = make_app("Collect an offline dataset: behaviour policies with exploration, in closed loop.")
+
+DEFAULT = CollectSettings(nets=("jinan",))
+
+
+@app.command()
+def collect(
+    out: Annotated[
+        Path, typer.Option(help="The dataset's folder; what is there already is not run again.")
+    ],
+    net: Annotated[
+        list[str] | None,
+        typer.Option(help="A network's name or folder; repeatable. Default: all bundled datasets."),
+    ] = None,
+    episodes: Annotated[int, typer.Option(help="Runs, taking the networks in turn.")] = (
+        DEFAULT.episodes
+    ),
+    demand: Annotated[str, typer.Option(help="profile, recorded or auto.")] = DEFAULT.demand,
+    volume_min: Annotated[float, typer.Option(help="Least volume of an episode.")] = (
+        DEFAULT.volume_min
+    ),
+    volume_max: Annotated[float, typer.Option(help="Largest volume of an episode.")] = (
+        DEFAULT.volume_max
+    ),
+    policy: Annotated[
+        list[str] | None, typer.Option(help="A behaviour policy; repeatable. Default: all.")
+    ] = None,
+    epsilon_min: Annotated[float, typer.Option(help="Least share of random decisions.")] = (
+        DEFAULT.epsilon_min
+    ),
+    epsilon_max: Annotated[float, typer.Option(help="Largest share of random decisions.")] = (
+        DEFAULT.epsilon_max
+    ),
+    switch: Annotated[
+        float, typer.Option(help="Share of episodes that two policies decide in turn.")
+    ] = DEFAULT.switch,
+    missing: Annotated[
+        str, typer.Option(help="Holes of the log: none, random, kriging, lane, burst or mixed.")
+    ] = DEFAULT.missing.pattern,
+    rate: Annotated[float, typer.Option(help="Share of the log that is missing, 0 to 1.")] = 0.0,
+    horizon: Annotated[int, typer.Option(help="Simulated seconds of an episode.")] = (
+        DEFAULT.horizon
+    ),
+    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn.")] = DEFAULT.seed,
+    workers: Annotated[int, typer.Option(min=1, help="Simulations at a time.")] = 2,
+) -> None:
+    """Collect an offline dataset: behaviour policies with exploration, in closed loop."""
+    settings = _settings(
+        nets=tuple(net or sorted(bundled_profiles())),
+        demand=demand,
+        volume_min=volume_min,
+        volume_max=volume_max,
+        policies=tuple(policy or DEFAULT.policies),
+        epsilon_min=epsilon_min,
+        epsilon_max=epsilon_max,
+        switch=switch,
+        missing={"pattern": missing, "rate": rate},
+        horizon=horizon,
+        episodes=episodes,
+        seed=seed,
+    )
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        dataset = _watched(settings, out, workers)
+    except KeyboardInterrupt:
+        there = len(list((out / EPISODES).glob("[0-9]*.parquet")))
+        messages.print(f"interrupted with {there} of {episodes} episodes; the same command goes on")
+        raise SystemExit(INTERRUPTED) from None
+    _print(dataset)
+
+
+def _settings(**values: Any) -> CollectSettings:
+    try:
+        return CollectSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = str(first["loc"][-1]) if first["loc"] else "options"
+        option = {"pattern": "missing", "nets": "net", "policies": "policy"}.get(name, name)
+        text = str(first["msg"]).removeprefix("Value error, ")
+        raise UserError(f"--{option.replace('_', '-')}", first["input"], text) from None
+
+
+def _watched(settings: CollectSettings, out: Path, workers: int) -> Dataset:
+    """Collect with a progress bar on the error stream."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    from tsc_missing.offline.collect import collect as run
+
+    columns = (TextColumn("episodes"), BarColumn(), MofNCompleteColumn(), Remaining())
+    quiet = not messages.is_terminal
+    with Progress(*columns, console=messages, transient=True, disable=quiet) as bar:
+        task = bar.add_task("", total=settings.episodes)
+
+        def watch(done: int, wanted: int) -> None:
+            bar.update(task, completed=done, total=wanted)
+
+        return run(settings, out, workers, watch)
+
+
+def _print(dataset: Dataset) -> None:
+    manifest = dataset.manifest
+    kind = "complete" if manifest.complete else "with holes"
+    rows = sum(episode.steps * episode.intersections for episode in manifest.episodes)
+    print(
+        f"{dataset.path}: {len(manifest.episodes)} episodes {kind}, {rows} rows, "
+        f"mean {manifest.statistics.mean_vehicles:.2f} vehicles and "
+        f"{manifest.statistics.mean_queue:.2f} queueing a slot"
+    )
+
+
+def main() -> None:
+    """The entry point of ``tsc-collect``."""
+    run_app(app, "tsc-collect")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Offline data: behaviour policies, episode logs, datasets and windows of them."""

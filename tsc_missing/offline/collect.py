@@ -1,0 +1,206 @@
+"""Collecting: behaviour policies in closed loop, an episode log for each run."""
+
+import multiprocessing
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from tsc_missing.errors import UserError
+from tsc_missing.evaluation.closed_loop import Scene, run_closed_loop
+from tsc_missing.evaluation.scenario import Scenario, find_scenario
+from tsc_missing.files import sha256
+from tsc_missing.network.folder import RECORD
+from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.offline.dataset import (
+    EPISODES,
+    MANIFEST,
+    Dataset,
+    DatasetManifest,
+    EpisodeEntry,
+    Source,
+    Statistics,
+    add_network,
+    merge,
+    read_dataset,
+    start_dataset,
+    write_json,
+)
+from tsc_missing.offline.log import EpisodeLog, log_of, read_log, write_log
+from tsc_missing.offline.plan import CollectSettings, EpisodeSpec, draw_spec
+from tsc_missing.offline.policies import make_policy
+from tsc_missing.sensing.observation import QUEUE, VEHICLES
+from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.versions import git_revision, versions
+
+RUNS_PER_PROCESS = 16
+
+Watch = Callable[[int, int], None]  # (episodes that are there, episodes wanted)
+
+
+def collect(
+    settings: CollectSettings, out: Path, workers: int = 1, watch: Watch | None = None
+) -> Dataset:
+    """Collect what is not there yet; ends with a whole dataset.
+
+    ``workers`` processes run a simulation each. Stopped at any moment, the same call goes on.
+    """
+    settings.check()
+    scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
+    _check_scenarios(settings, scenarios)
+    start_dataset(out, settings)
+    specs = [draw_spec(settings, number) for number in range(settings.episodes)]
+    wanted = [spec for spec in specs if not _is_there(out, spec)]
+    done = len(specs) - len(wanted)
+    if wanted:
+        (out / MANIFEST).unlink(missing_ok=True)
+    for _ in _run_all(wanted, out, workers):
+        done += 1
+        if watch is not None:
+            watch(done, len(specs))
+    if not (out / MANIFEST).exists():
+        write_json(out / MANIFEST, _manifest(settings, out, specs, scenarios))
+    return read_dataset(out)
+
+
+def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) -> None:
+    """What the first episode of each network would stop at, before anything starts."""
+    for number, (net, scenario) in enumerate(scenarios.items()):
+        if scenario.demand_kind == "recorded" and (settings.volume_min, settings.volume_max) != (
+            1.0,
+            1.0,
+        ):
+            raise UserError("volume", net, "recorded demand has only volume 1: min and max must be")
+        spec = draw_spec(settings, number)
+        draw_mask(settings.missing, scenario.folder.network, 1, spec.mask_seed)
+
+
+def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
+    """Run an episode and write its log into the dataset at ``out``."""
+    scenario = find_scenario(spec.net, spec.demand)
+    network, settings = scenario.folder.network, spec.run_settings()
+    everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
+    scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), everything)
+    policy = make_policy(spec.policies, spec.switch_at, spec.epsilon)
+    with tempfile.TemporaryDirectory(dir=scratch) as folder:
+        trace = run_closed_loop(scene, settings, policy, Path(folder))
+    mask = None
+    if spec.missing.pattern != "none":
+        mask = draw_mask(spec.missing, network, settings.steps, spec.mask_seed)
+    write_log(
+        out / EPISODES / spec.file, log_of(trace, network, mask), spec.model_dump(mode="json")
+    )
+
+
+def _run_all(specs: list[EpisodeSpec], out: Path, workers: int) -> Iterator[EpisodeSpec]:
+    """Run episodes in processes of their own; gives each as it ends, in any order."""
+    if not specs:
+        return
+    with (
+        tempfile.TemporaryDirectory(prefix="tsc-collect-") as scratch,
+        _processes(min(workers, len(specs))) as pool,
+    ):
+        futures = {pool.submit(run_episode, spec, out, Path(scratch)): spec for spec in specs}
+        for future in as_completed(futures):
+            future.result()
+            yield futures[future]
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose processes end with the block, even in the middle of a run."""
+    context = multiprocessing.get_context("spawn")
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(
+        workers, context, initializer=_leave_signals, max_tasks_per_child=RUNS_PER_PROCESS
+    )
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+            child.join()
+        raise
+    pool.shutdown()
+
+
+def _leave_signals() -> None:
+    """Ctrl-C is for the parent, which ends its processes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _is_there(out: Path, spec: EpisodeSpec) -> bool:
+    path = out / EPISODES / spec.file
+    if not path.is_file():
+        return False
+    try:
+        pq.read_schema(path)
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def _manifest(
+    settings: CollectSettings, out: Path, specs: list[EpisodeSpec], scenarios: dict[str, Scenario]
+) -> DatasetManifest:
+    networks = {net: scenario.folder.network for net, scenario in scenarios.items()}
+    episodes = tuple(_entry(out, spec, networks[spec.net]) for spec in specs)
+    return DatasetManifest(
+        complete=settings.missing.pattern == "none",
+        settings=settings,
+        sources={net: _source(out, scenario) for net, scenario in scenarios.items()},
+        statistics=merge([episode.statistics for episode in episodes]),
+        versions=versions(),
+        git=git_revision(),
+        episodes=episodes,
+    )
+
+
+def _source(out: Path, scenario: Scenario) -> Source:
+    return Source(
+        scenario=scenario.name,
+        demand=scenario.demand_kind,
+        network=add_network(out, scenario.folder.path / RECORD),
+        checksums=scenario.checksums(),
+    )
+
+
+def _entry(out: Path, spec: EpisodeSpec, network: Network) -> EpisodeEntry:
+    path = out / EPISODES / spec.file
+    log, about = read_log(path)
+    if about != spec.model_dump(mode="json"):
+        raise UserError("out", path, "it is an episode of another collection")
+    recorded = log.recorded & network.slot_mask
+    statistics = _statistics(log, recorded)
+    rows = recorded.any(axis=2).sum()
+    queue = statistics.mean_queue * statistics.cells / max(int(rows), 1)
+    steps, n = log.phase.shape
+    return EpisodeEntry(
+        spec=spec,
+        checksum=sha256(path),
+        steps=steps,
+        intersections=n,
+        mean_queue=queue,
+        statistics=statistics,
+    )
+
+
+def _statistics(log: EpisodeLog, recorded: BoolArray) -> Statistics:
+    cells = log.values[recorded]  # (cells, F)
+    if not len(cells):
+        cells = np.zeros((1, cells.shape[1]), dtype=cells.dtype)
+    mean, most = cells.mean(axis=0, dtype=float), cells.max(axis=0)
+    return Statistics(
+        cells=int(recorded.sum()),
+        mean_vehicles=float(mean[VEHICLES]),
+        max_vehicles=float(most[VEHICLES]),
+        mean_queue=float(mean[QUEUE]),
+        max_queue=float(most[QUEUE]),
+    )

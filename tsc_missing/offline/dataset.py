@@ -1,0 +1,199 @@
+"""Datasets: a folder of episode logs, the networks they are of, and a manifest.
+
+``manifest.json`` is written last, so a folder that has one is whole; ``plan.json`` is there from
+the start. A dataset is complete in itself: it can be read where the networks are not installed.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+
+from tsc_missing.errors import UserError
+from tsc_missing.files import parse, read_json, sha256
+from tsc_missing.network.model import Network
+from tsc_missing.network.records import NetworkRecord
+from tsc_missing.offline.log import FIELD, EpisodeLog, read_log
+from tsc_missing.offline.plan import CollectSettings, EpisodeSpec
+
+MANIFEST, PLAN, EPISODES, NETWORKS = "manifest.json", "plan.json", "episodes", "networks"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Statistics(_Part):
+    """Of the recorded cells of slots that are there [vehicles]."""
+
+    cells: int
+    mean_vehicles: float
+    max_vehicles: float
+    mean_queue: float
+    max_queue: float
+
+
+class EpisodeEntry(_Part):
+    """One episode's file."""
+
+    spec: EpisodeSpec
+    checksum: str  # SHA-256 of the file
+    steps: int
+    intersections: int
+    mean_queue: float  # vehicles queueing at an intersection, where recorded
+    statistics: Statistics
+
+
+class Source(_Part):
+    """The network and the demand behind a name in ``nets``."""
+
+    scenario: str
+    demand: Literal["profile", "recorded"]
+    network: str  # the file in ``networks``
+    checksums: dict[str, str]  # SHA-256 of the net, its record and the demand file
+
+
+class DatasetManifest(_Part):
+    """What ``manifest.json`` holds."""
+
+    format: Literal[1] = 1
+    complete: bool  # or the logs have holes
+    settings: CollectSettings
+    sources: dict[str, Source]  # by the name in ``settings.nets``
+    statistics: Statistics
+    versions: dict[str, str]
+    git: str | None
+    episodes: tuple[EpisodeEntry, ...]
+
+
+_MANIFEST = TypeAdapter(DatasetManifest)
+_SETTINGS = TypeAdapter(CollectSettings)
+_RECORD = TypeAdapter(NetworkRecord)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset on disk; episodes are read when asked for."""
+
+    path: Path
+    manifest: DatasetManifest
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the manifest, which has those of all else."""
+        return sha256(self.path / MANIFEST)
+
+    @cached_property
+    def networks(self) -> dict[str, Network]:
+        """The networks by the names in ``settings.nets``."""
+        return {net: self._network(source) for net, source in self.manifest.sources.items()}
+
+    def _network(self, source: Source) -> Network:
+        path = self.path / NETWORKS / source.network
+        value = read_json(path, FIELD)
+        if sha256(path) not in source.checksums.values():
+            raise UserError(FIELD, path, "it is another network than the episodes are of")
+        return Network(source.scenario, parse(_RECORD, value, FIELD, path))
+
+    def load(self, number: int) -> EpisodeLog:
+        """The log of an episode; ``UserError`` if its file is not the one that was collected."""
+        entry = self.manifest.episodes[number]
+        path = self.path / EPISODES / entry.spec.file
+        if not path.is_file():
+            raise UserError(FIELD, path, "the episode is missing")
+        if sha256(path) != entry.checksum:
+            raise UserError(FIELD, path, "the episode was changed or damaged (other checksum)")
+        log, _ = read_log(path)
+        if log.phase.shape != (entry.steps, self.networks[entry.spec.net].n):
+            raise UserError(FIELD, path, "it is of another network than its dataset says")
+        return log
+
+
+def read_dataset(path: Path) -> Dataset:
+    """The dataset in a folder; ``UserError`` if it is none, unfinished or of another format."""
+    if not path.is_dir():
+        raise UserError(FIELD, path, "there is no such folder")
+    if not (path / MANIFEST).is_file():
+        if (path / PLAN).is_file():
+            raise UserError(FIELD, path, "its collection is not finished; tsc-collect goes on")
+        raise UserError(FIELD, path, f"it has no {MANIFEST}, so it is no dataset")
+    value = read_json(path / MANIFEST, FIELD)
+    found = value.get("format") if isinstance(value, dict) else None
+    if found != 1:
+        raise UserError(FIELD, path, f"it has format {found}, and this program reads 1")
+    return Dataset(path, parse(_MANIFEST, value, FIELD, path / MANIFEST))
+
+
+def start_dataset(path: Path, settings: CollectSettings) -> None:
+    """Make the folder of a dataset, or check that the one that is there can be gone on with.
+
+    All but the number of episodes must be as it was.
+    """
+    if path.exists() and not path.is_dir():
+        raise UserError("out", path, "it is a file, and must be a folder")
+    if path.is_dir() and not (path / PLAN).is_file() and any(path.iterdir()):
+        raise UserError("out", path, f"the folder is not empty and has no {PLAN}")
+    if (path / PLAN).is_file():
+        _check_same(path, settings)
+    try:
+        for folder in (EPISODES, NETWORKS):
+            (path / folder).mkdir(parents=True, exist_ok=True)
+        for left in (path / EPISODES).glob(".*"):
+            left.unlink(missing_ok=True)
+        write_json(path / PLAN, settings)
+    except OSError as error:
+        raise UserError("out", path, f"cannot be written ({error.strerror})") from error
+
+
+def _check_same(path: Path, settings: CollectSettings) -> None:
+    before = parse(_SETTINGS, read_json(path / PLAN, "out"), "out", path / PLAN)
+    for name in CollectSettings.model_fields:
+        was, wanted = getattr(before, name), getattr(settings, name)
+        if was != wanted and name != "episodes":
+            raise UserError("out", path, f"it was begun with {name} {was}, not {wanted}")
+    if settings.episodes < before.episodes:
+        raise UserError("episodes", settings.episodes, f"{path} was begun with {before.episodes}")
+
+
+def add_network(path: Path, record: Path) -> str:
+    """Copy a network's record into the dataset; returns its name there, from its content."""
+    name = f"{sha256(record)[:16]}.json"
+    if not (path / NETWORKS / name).exists():
+        temporary = path / NETWORKS / f".{name}.{os.getpid()}"
+        shutil.copyfile(record, temporary)
+        temporary.replace(path / NETWORKS / name)
+    return name
+
+
+def write_json(path: Path, model: BaseModel) -> None:
+    """Write a model, whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        text = json.dumps(model.model_dump(mode="json"), indent=1) + "\n"
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def merge(parts: Sequence[Statistics]) -> Statistics:
+    """The statistics of all cells together."""
+    cells = sum(part.cells for part in parts)
+
+    def mean(name: str) -> float:
+        total: float = sum(getattr(part, name) * part.cells for part in parts)
+        return total / max(cells, 1)
+
+    return Statistics(
+        cells=cells,
+        mean_vehicles=mean("mean_vehicles"),
+        max_vehicles=max(part.max_vehicles for part in parts),
+        mean_queue=mean("mean_queue"),
+        max_queue=max(part.max_queue for part in parts),
+    )

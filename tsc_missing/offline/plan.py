@@ -1,0 +1,106 @@
+"""What to collect: the settings of a collection, and the episodes that follow from its seed."""
+
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from tsc_missing.config import MissingSettings, RunSettings, Settings
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.offline.policies import POLICIES
+from tsc_missing.seeding import stream
+
+
+class CollectSettings(Settings):
+    """An offline dataset before it is there."""
+
+    nets: tuple[str, ...] = Field(min_length=1)  # names or network folders, taken in turn
+    demand: Literal["auto", "profile", "recorded"] = "profile"
+    volume_min: float = Field(0.6, gt=0, le=10)  # times the profile's arrivals,
+    volume_max: float = Field(1.4, gt=0, le=10)  # drawn for each episode
+    policies: tuple[str, ...] = Field(tuple(sorted(POLICIES)), min_length=1)
+    epsilon_min: float = Field(0.0, ge=0, le=1)  # share of random decisions,
+    epsilon_max: float = Field(0.2, ge=0, le=1)  # drawn for each episode
+    switch: float = Field(0.25, ge=0, le=1)  # share of episodes with two policies in turn
+    missing: MissingSettings = MissingSettings()  # holes of the log; policies see everything
+    horizon: int = Field(3600, gt=0)  # [s] of an episode
+    episodes: int = Field(60, ge=1)
+    seed: int = Field(0, ge=0)
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Self:
+        if self.volume_min > self.volume_max:
+            raise ValueError("volume_min must not be above volume_max")
+        if self.epsilon_min > self.epsilon_max:
+            raise ValueError("epsilon_min must not be above epsilon_max")
+        return self
+
+    def check(self) -> None:
+        """Raise ``UserError`` for a policy that is unknown."""
+        for name in self.policies:
+            if name not in POLICIES:
+                raise UserError("policy", name, nearest(name, POLICIES))
+
+
+class EpisodeSpec(Settings):
+    """One episode: it depends on the collection's seed and its own number only."""
+
+    number: int
+    net: str
+    demand: Literal["auto", "profile", "recorded"]
+    volume: float
+    policies: tuple[str, ...]  # in turn
+    switch_at: int | None  # [decision steps] where the second policy takes over
+    epsilon: float
+    missing: MissingSettings
+    mask_seed: int
+    horizon: int  # [s]
+    seed: int
+
+    @property
+    def file(self) -> str:
+        """The name of its file."""
+        return f"{self.number:05d}.parquet"
+
+    def run_settings(self) -> RunSettings:
+        """The settings of the run; the policies see everything."""
+        return RunSettings(
+            net=self.net,
+            demand=self.demand,
+            volume=self.volume,
+            horizon=self.horizon,
+            seed=self.seed,
+        )
+
+
+def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
+    """Episode ``number`` of a collection.
+
+    The blind intersections of kriging masks are the same in every episode; all else is drawn
+    anew for each.
+    """
+    rng = stream(settings.seed, f"episode-{number}")
+    volume = _uniform(rng, settings.volume_min, settings.volume_max)
+    epsilon = _uniform(rng, settings.epsilon_min, settings.epsilon_max)
+    chosen = rng.permutation(len(settings.policies))[: 1 + int(rng.random() < settings.switch)]
+    steps = RunSettings(horizon=settings.horizon).steps
+    seed, mask_seed = (int(rng.integers(2**31)) for _ in range(2))
+    if settings.missing.pattern == "kriging":
+        mask_seed = int(stream(settings.seed, "blind-set").integers(2**31))
+    return EpisodeSpec(
+        number=number,
+        net=settings.nets[number % len(settings.nets)],
+        demand=settings.demand,
+        volume=volume,
+        policies=tuple(settings.policies[k] for k in chosen),
+        switch_at=int(steps * rng.uniform(0.25, 0.75)) if len(chosen) > 1 else None,
+        epsilon=epsilon,
+        missing=settings.missing,
+        mask_seed=mask_seed,
+        horizon=settings.horizon,
+        seed=seed,
+    )
+
+
+def _uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return round(float(rng.uniform(low, high)), 4)

@@ -1,0 +1,179 @@
+"""Random windows of a dataset, as the diffusion model trains on them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from tsc_missing.diffusion.batch import group_table
+from tsc_missing.diffusion.windows import Windows
+from tsc_missing.errors import UserError
+from tsc_missing.network.model import BoolArray, IntArray, Network
+from tsc_missing.network.slots import APPROACHES, MAX_NEIGHBOURS, N_SLOTS
+from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.log import FIELD
+from tsc_missing.offline.pool import RECORDED, RED_STEPS, EpisodePool
+from tsc_missing.offline.window_masks import MaskMix, draw_masks
+from tsc_missing.seeding import stream
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Which windows: places in the pool, intersections, first steps (may be before the episode)."""
+
+    place: IntArray  # (B,)
+    intersection: IntArray  # (B,)
+    start: IntArray  # (B,)
+
+
+class WindowSampler:
+    """Draws windows of T = C + H steps; the same for the same seed and training step.
+
+    A window is an episode of the pool, an intersection with a sensor and a first step, all alike
+    probable. The first step may lie up to C - 1 steps before the episode: what was then is not
+    recorded. Masks are drawn for each window by ``mix``. ``told_all`` is the share of windows
+    whose neighbours tell all that is recorded, the future too, as generated trajectories do when
+    deciding; in the others they tell what their own sensors saw up to now.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        history: int,
+        horizon: int,
+        mix: MaskMix,
+        seed: int,
+        told_all: float = 0.5,
+        resident: int = 128,
+        renew: int = 4,
+    ) -> None:
+        """``resident`` and ``renew``: see ``EpisodePool``."""
+        self._history = history
+        self._length = history + horizon
+        shortest = min(entry.steps for entry in dataset.manifest.episodes)
+        if shortest < self._length:
+            raise UserError(
+                FIELD, dataset.path, f"episodes must have at least {self._length} steps"
+            )
+        self._mix = mix
+        self._seed = seed
+        self._told_all = told_all
+        self._pool = EpisodePool(dataset, seed, resident, renew)
+        self._cells = torch.from_numpy(self._pool.cells)
+        entries = dataset.manifest.episodes
+        self._steps = np.array([entry.steps for entry in entries])
+        nets = list(dataset.networks)
+        self._tables = _Tables([dataset.networks[net] for net in nets])
+        self._net = np.array([nets.index(entry.spec.net) for entry in entries])
+
+    def sample(self, step: int, count: int) -> Windows:
+        """The ``count`` windows of a training step."""
+        self._pool.advance(step)
+        rng = stream(self._seed, f"windows-{step}")
+        return self.windows(self.draw(count, rng), rng)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Draw:
+        """Which windows to take of the pool's episodes."""
+        pool = self._pool
+        usable = np.flatnonzero([len(sensed) > 0 for sensed in pool.sensed])
+        if not len(usable):
+            raise UserError(FIELD, "the dataset", "it must have something recorded")
+        place = usable[rng.integers(len(usable), size=count)]
+        which, where = rng.random((2, count))
+        sizes = np.array([len(sensed) for sensed in pool.sensed])
+        offsets = np.cumsum(sizes) - sizes
+        listed = np.concatenate(pool.sensed)
+        intersection = listed[offsets[place] + (which * sizes[place]).astype(np.int64)]
+        before = self._history - 1
+        starts = self._steps[pool.episode[place]] - self._length + 1 + before
+        return Draw(place, intersection, (where * starts).astype(np.int64) - before)
+
+    def windows(self, draw: Draw, rng: np.random.Generator) -> Windows:
+        """The windows of a draw with masks from ``rng``."""
+        pool, tables, count = self._pool, self._tables, len(draw.place)
+        net = self._net[pool.episode[draw.place]]
+        index = tables.offset[net] + draw.intersection
+        masks = draw_masks(self._mix, draw.intersection, rng)
+        time = draw.start[:, None] + np.arange(self._length)  # (B, T)
+        within = time >= 0
+        rows = draw.place[:, None] * pool.rows + np.maximum(time, 0) * tables.n[net][:, None]
+        own = (rows + draw.intersection[:, None])[..., None] * N_SLOTS + np.arange(N_SLOTS)
+        values, recorded, green, red = self._gather(own, within[..., None])
+        table = tables.neighbours[index]  # (B, G, 3)
+        exists = table >= 0
+        near = np.maximum(table, 0)
+        cells = rows[:, None, None, :] * N_SLOTS + near[..., None]
+        found = self._gather(cells, within[:, None, None, :])
+        slots = np.broadcast_to(np.arange(N_SLOTS), (count, N_SLOTS))
+        here = np.broadcast_to(draw.intersection[:, None], (count, N_SLOTS))
+        seen = masks.seen(here, slots, self._length).transpose(0, 2, 1)
+        told = masks.seen(near // N_SLOTS, near % N_SLOTS, self._length)
+        told &= np.arange(self._length) < self._history
+        told |= (rng.random(count) < self._told_all)[:, None, None, None]
+        now = rows[:, self._history - 1] + draw.intersection
+        reports = pool.reports[draw.place, draw.intersection]
+        return Windows(
+            values=values,
+            recorded=recorded,
+            hidden=_tensor(~seen),
+            observable=_tensor(reports & ~masks.own_blind[:, None]),
+            green=green,
+            red_steps=red,
+            slots=_tensor(tables.slots[index]),
+            phases=_tensor(tables.phases[index]),
+            phase_mask=_tensor(tables.phase_mask[index]),
+            action=_tensor(pool.phase[now].astype(np.int64)),
+            near_values=found[0],
+            near_given=found[1] & _tensor(told & exists[..., None]),
+            near_green=found[2],
+            near_red_steps=found[3],
+            near_exists=_tensor(exists),
+        )
+
+    def _gather(self, cells: IntArray, within: BoolArray) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Values (…, F), recorded, green and red steps (…) of cells (…) of the pool.
+
+        Where not ``within`` the episode nothing is recorded, and no signal is shown.
+        """
+        flat = self._cells.index_select(0, _tensor(cells.ravel()))
+        found = flat.view(*cells.shape, -1)
+        inside = _tensor(within)
+        red = torch.where(inside, found[..., RED_STEPS], 0.0)
+        green = (found[..., RED_STEPS] == 0) & inside
+        return found[..., :RED_STEPS], (found[..., RECORDED] > 0) & inside, green, red
+
+
+class _Tables:
+    """The tables of several networks one after the other, with phases padded to the most."""
+
+    def __init__(self, networks: list[Network]) -> None:
+        self.n = np.array([network.n for network in networks])
+        self.offset = np.cumsum(self.n) - self.n
+        self.slots = np.concatenate([network.slot_mask for network in networks])
+        most = max(network.phase_mask.shape[1] for network in networks)
+
+        def padded(table: BoolArray) -> BoolArray:
+            widths = [(0, 0)] * table.ndim
+            widths[1] = (0, most - table.shape[1])
+            return np.pad(table, widths)
+
+        self.phases = np.concatenate([padded(network.phases) for network in networks])
+        self.phase_mask = np.concatenate([padded(network.phase_mask) for network in networks])
+        self.neighbours = _neighbour_tables(networks)
+
+
+def _neighbour_tables(networks: list[Network]) -> IntArray:
+    """(sum of N, G, 3): grouped by approach where that can be done in every network."""
+    grouped = [
+        group_table(_tensor(network.neighbours), _tensor(network.slot_mask)).numpy()
+        for network in networks
+    ]
+    if any(table.shape[1] != len(APPROACHES) for table in grouped):
+        grouped = [network.neighbours for network in networks]
+    return np.concatenate(grouped).reshape(-1, grouped[0].shape[1], MAX_NEIGHBOURS)
+
+
+def _tensor(array: npt.NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array))

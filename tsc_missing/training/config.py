@@ -1,0 +1,69 @@
+"""What a training is: one TOML file."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from tsc_missing.config import Settings
+from tsc_missing.diffusion.config import DiffLightConfig, Precision
+from tsc_missing.errors import UserError
+from tsc_missing.files import first_problem
+from tsc_missing.offline.window_masks import MaskMix
+from tsc_missing.paths import bundled
+
+FIELD = "config"
+
+
+class TrainingSettings(Settings):
+    """Everything that the weights of a training depend on, and how often it is saved."""
+
+    data: Path  # the dataset's folder
+    model: DiffLightConfig = DiffLightConfig()
+    masks: MaskMix = MaskMix()
+    told_all: float = Field(0.5, ge=0, le=1)  # share of windows whose neighbours tell everything
+
+    batch: int = Field(1024, ge=1)  # [windows]
+    steps: int = Field(20_000, ge=1)
+    learning_rate: float = Field(1e-3, gt=0, allow_inf_nan=False)  # the highest
+    final_learning_rate: float = Field(1e-5, ge=0, allow_inf_nan=False)  # reached on a half cosine
+    warm_up: int = Field(200, ge=0)  # steps of rising learning rate
+    weight_decay: float = Field(1e-4, ge=0, allow_inf_nan=False)
+    gradient_norm: float = Field(1.0, gt=0)  # gradients longer than this are cut to it
+    ema_decay: float = Field(0.999, ge=0, lt=1)
+    precision: Precision = "bfloat16"
+    seed: int = Field(0, ge=0)
+
+    resident: int = Field(128, ge=1)  # episodes in memory at a time
+    renew: int = Field(4, ge=1)  # steps after which one of them is exchanged
+    log_steps: int = Field(50, ge=1)  # steps that a row of metrics.csv is the mean of
+    checkpoint_seconds: float = Field(60.0, ge=0, le=60)
+
+
+RESUMABLE = frozenset({"data", "log_steps", "checkpoint_seconds"})
+"""Settings that may differ where a training is gone on with: they do not change the weights."""
+
+
+def read_training(config: str, **changes: Any) -> TrainingSettings:
+    """The settings of a TOML file, or of a bundled one by its name, with ``changes`` put in.
+
+    Raises ``UserError`` for a file that is not there, no TOML, or has something unknown.
+    """
+    path = find_config(config)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(FIELD, path, f"the file cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(FIELD, path, f"not valid TOML: {error}") from None
+    try:
+        return TrainingSettings.model_validate({**values, **changes})
+    except ValidationError as error:
+        raise UserError(FIELD, path, first_problem(error)) from None
+
+
+def find_config(config: str) -> Path:
+    """The file of a path, or of the name of a bundled training."""
+    named = bundled("scenarios") / "training" / f"{config}.toml"
+    return named if not Path(config).exists() and named.is_file() else Path(config)

@@ -1,0 +1,68 @@
+"""What is logged of a training: ``metrics.csv``, and TensorBoard where it is installed."""
+
+import csv
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+FILE = "metrics.csv"
+COLUMNS = (
+    "step",
+    "wall_s",
+    "loss",
+    "diffusion",
+    "inverse",
+    "inverse_accuracy",
+    "gradient_norm",
+    "learning_rate",
+    "windows_per_s",
+)
+
+
+class MetricsLog:
+    """Appends rows; rows of steps after the one that a training goes on from are dropped."""
+
+    def __init__(self, folder: Path, step: int) -> None:
+        """``step`` is where the training stands."""
+        self._path = folder / FILE
+        rows = []
+        if self._path.exists():
+            with self._path.open(newline="", encoding="utf-8") as stream:
+                rows = [row for row in csv.DictReader(stream) if _up_to(row, step)]
+        temporary = self._path.with_name(f".{FILE}")
+        with temporary.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
+        temporary.replace(self._path)
+        self._board = _board(folder, step)
+
+    def write(self, row: Mapping[str, float]) -> None:
+        """Append a row with all columns."""
+        with self._path.open("a", newline="", encoding="utf-8") as stream:
+            shown = {name: f"{row[name]:.6g}" for name in COLUMNS if name != "step"}
+            csv.DictWriter(stream, COLUMNS).writerow({"step": int(row["step"]), **shown})
+        if self._board is not None:
+            for name in COLUMNS[1:]:
+                self._board.add_scalar(name, row[name], int(row["step"]))
+
+    def close(self) -> None:
+        """Finish what is buffered."""
+        if self._board is not None:
+            self._board.close()
+
+
+def _up_to(row: Mapping[str, str | None], step: int) -> bool:
+    """Whether a row is whole and not after the step."""
+    number = row.get("step")
+    whole = all(row.get(name) for name in COLUMNS)
+    return whole and number is not None and number.isdigit() and int(number) <= step
+
+
+def _board(folder: Path, step: int) -> Any:
+    if importlib.util.find_spec("tensorboard") is None:
+        return None
+    from torch.utils.tensorboard import SummaryWriter
+
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=step)
