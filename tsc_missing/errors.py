@@ -7,12 +7,14 @@ from collections.abc import Iterable
 class UserError(Exception):
     """Something the user can mend: printed as one line, exit status 2."""
 
-    def __init__(self, field: str, value: object, allowed: str) -> None:
+    def __init__(
+        self, field: str, value: object, allowed: str, verdict: str = "is not allowed"
+    ) -> None:
         """``field`` is what was set, ``value`` what it was set to, ``allowed`` what it may be."""
         self.field = field
         self.value = value
         self.allowed = allowed
-        super().__init__(" ".join(f"{field}: {value} is not allowed; {allowed}".split()))
+        super().__init__(" ".join(f"{field}: {value} {verdict}; {allowed}".split()))
 
 
 def nearest(value: str, known: Iterable[str]) -> str:

@@ -32,7 +32,10 @@ def sumo_tool(name: str) -> str:
     found = str(beside) if beside.exists() else shutil.which(name)
     if found is None:
         raise UserError(
-            "program", name, "it is not installed: pip install 'tsc-missing[sumo]' brings it"
+            "program",
+            name,
+            "pip install 'tsc-missing[sumo]' brings it",
+            verdict="is not installed",
         )
     return found
 

@@ -132,7 +132,10 @@ def _start_traci(engine: EngineName, options: Sequence[str]) -> Any:
         import traci
     except ImportError:
         raise UserError(
-            "gui", "true", "traci is not installed: pip install 'tsc-missing[sumo]' brings it"
+            "program",
+            "traci",
+            "pip install 'tsc-missing[sumo]' brings it",
+            verdict="is not installed",
         ) from None
     program = sumo_tool("sumo-gui" if engine == "gui" else "sumo")
     extra = ["--start", "--quit-on-end"] if engine == "gui" else []

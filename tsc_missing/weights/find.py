@@ -27,8 +27,10 @@ def find_weights(name: str) -> Path:
     for path in (Path(name, FILE), Path(name)):
         if _is_file(path):
             return path
-    names = nearest(name, packaged) + "," if packaged else "none come with this installation;"
-    raise UserError(FIELD, name or "nothing", f"{names} or the path of a file; {MAKING}")
+    allowed = "allowed: the path of a file, as none come with this installation"
+    if packaged:
+        allowed = f"{nearest(name, packaged)}, or the path of a file"
+    raise UserError(FIELD, name or "nothing", f"{allowed}; {MAKING}")
 
 
 def _is_file(path: Path) -> bool:
