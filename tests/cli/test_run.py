@@ -143,6 +143,11 @@ def test_import_under_a_name_then_run_it(command, small_files):
     assert again.returncode == 2
 
 
+def listen_to_interrupts():
+    """A background shell starts its processes deaf to SIGINT; a terminal does not."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
     process = subprocess.Popen(
         [
@@ -155,6 +160,7 @@ def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
         stderr=subprocess.PIPE,
         env={**os.environ, "TMPDIR": str(tmp_path)},
         text=True,
+        preexec_fn=listen_to_interrupts,
     )
     deadline = time.monotonic() + 60
     while not list((command.cwd).glob("runs/.one.*")) and time.monotonic() < deadline:
