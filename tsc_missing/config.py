@@ -85,6 +85,14 @@ class SensorSettings(Settings):
     length: float = Field(50.0, gt=0, allow_inf_nan=False)  # [m], for ``area``
 
 
+class DiffusionSettings(Settings):
+    """How the diffusion model is used, as controller or as imputer."""
+
+    weights: str = "universal"  # a name of packaged weights, or a path
+    sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
+    scoring: Literal["inverse", "queue", "mixed"] = "inverse"  # controller difflight only
+
+
 class RunSettings(Settings):
     """One closed-loop run."""
 
@@ -93,7 +101,8 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
     controller: str = "max-queue"
     imputer: str = "sfm-4"
-    blind: Literal["none", "fixed-time"] = "fixed-time"
+    blind: Literal["auto", "none", "fixed-time"] = "auto"  # auto: none with imputer diffusion
+    diffusion: DiffusionSettings = DiffusionSettings()
     missing: MissingSettings = MissingSettings()
     signals: SignalSettings = SignalSettings()
     sensor: SensorSettings = SensorSettings()

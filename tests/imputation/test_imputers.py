@@ -268,5 +268,5 @@ def test_corner_right_turn_keeps_its_own_value():
 def test_registry():
     assert isinstance(make_imputer("sfm"), StoreAndForward)
     assert make_imputer("last") is not make_imputer("last")
-    with pytest.raises(UserError, match=r"imputer: sfn .* did you mean sfm\? allowed: last"):
+    with pytest.raises(UserError, match=r"imputer: sfn .* did you mean sfm\? allowed: diff"):
         make_imputer("sfn")

@@ -38,8 +38,18 @@ def run(
         str, typer.Option(help="What fills the holes for controllers that need values.")
     ] = DEFAULT.imputer,
     blind: Annotated[
-        str, typer.Option(help="What runs at intersections without a sensor: fixed-time, none.")
+        str,
+        typer.Option(help="What runs at intersections without a sensor: auto, fixed-time, none."),
     ] = DEFAULT.blind,
+    weights: Annotated[
+        str, typer.Option(help="Diffusion: a name of packaged weights, or a path.")
+    ] = DEFAULT.diffusion.weights,
+    sampling_steps: Annotated[
+        int, typer.Option(help="Diffusion: reverse steps a decision.")
+    ] = DEFAULT.diffusion.sampling_steps,
+    scoring: Annotated[
+        str, typer.Option(help="difflight: what scores the phases: inverse, queue or mixed.")
+    ] = DEFAULT.diffusion.scoring,
     missing: Annotated[
         str, typer.Option(help="none, random, kriging, lane, burst or mixed.")
     ] = DEFAULT.missing.pattern,
@@ -90,6 +100,7 @@ def run(
         controller=controller,
         imputer=imputer,
         blind=blind,
+        diffusion={"weights": weights, "sampling_steps": sampling_steps, "scoring": scoring},
         missing={
             "pattern": missing,
             "rate": missing_rate(missing, rate, needed=mask is None),

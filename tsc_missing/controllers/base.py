@@ -37,3 +37,7 @@ class Controller(ABC):
     def estimates(self) -> FloatArray | None:
         """(N, 12, F): the values that the last decision was based on, if it filled holes."""
         return None
+
+    def plans(self) -> FloatArray | None:
+        """(N, H, 12, F): what the last decision expects of the next H steps, if it plans."""
+        return None

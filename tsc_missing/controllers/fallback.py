@@ -78,6 +78,16 @@ class Safe(Controller):
             return None
         return estimates
 
+    def plans(self) -> FloatArray | None:
+        """(N, H, 12, F): the inner controller's, if the last step used its answer."""
+        if not self._used:
+            return None
+        try:
+            return self.controller.plans()
+        except Exception as error:
+            self._note(_one_line(error))
+            return None
+
     def _ask(self, observation: Observation) -> IntArray:
         """(N,): the inner controller's phases, -1 where it gave none that is legal."""
         self._used = False

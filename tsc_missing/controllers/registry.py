@@ -3,17 +3,20 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from tsc_missing.config import DiffusionSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.difflight import DiffLight
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
 from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
-from tsc_missing.imputation.registry import make_imputer
+from tsc_missing.imputation.registry import DIFFUSION, make_imputer
 from tsc_missing.simulation.native import KINDS
+from tsc_missing.weights.find import find_weights
 
 NATIVE = KINDS  # SUMO's own programs: names for comparisons, not controllers
 
@@ -40,22 +43,33 @@ CONTROLLERS: dict[str, Entry] = {
     "random": Entry(RandomPhases, needs_values=False),
 }
 
+DIFFLIGHT = "difflight"  # apart from the others: it needs weights
+
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
 }
 
 
-def make_controller(name: str, imputer: str, blind: str) -> Controller:
+def make_controller(
+    name: str, imputer: str, blind: str, diffusion: DiffusionSettings | None = None
+) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    Raises ``UserError`` for names that are unknown.
+    The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
+    values at blind intersections come from. Raises ``UserError`` for names that are unknown and
+    for weights that cannot be used.
     """
+    if name == DIFFLIGHT:
+        settings = diffusion or DiffusionSettings()
+        return DiffLight(find_weights(settings.weights), settings.sampling_steps, settings.scoring)
     if name not in CONTROLLERS:
-        raise UserError("controller", name, nearest(name, [*CONTROLLERS, *NATIVE]))
+        raise UserError("controller", name, nearest(name, [*CONTROLLERS, DIFFLIGHT, *NATIVE]))
+    if blind == "auto":
+        blind = "none" if imputer == DIFFUSION else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
     entry = CONTROLLERS[name]
     if not entry.needs_values:
         return entry.make()
-    return BLIND[blind](Imputed(make_imputer(imputer), entry.make()))
+    return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))

@@ -17,8 +17,8 @@ from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.network.plain import PlainNetwork
 from tsc_missing.network.slots import APPROACHES, TURNS, assign_approaches, bearing
 
-BIN = 300  # [s]; wider where fewer vehicles enter
-VEHICLES_A_BIN = 10  # that enter by the least used entry road, on average
+BIN = 300  # [s]
+ENOUGH = 10  # vehicles a bin, on average, for an entry road to have a course of its own
 SIGNIFICANT = 9.21  # chi-squared with 2 degrees of freedom, exceeded by chance once in 100
 DIGITS = 3  # of shares
 ROUNDS = 100  # of fitting exit weights to exit counts
@@ -27,22 +27,22 @@ ROUNDS = 100  # of fitting exit weights to exit counts
 def fit_profile(demand: Demand, plain: PlainNetwork, horizon: int = 3600) -> DemandProfile:
     """The profile of the trips that depart before ``horizon`` [s].
 
-    A road has turn shares of its own only where they differ significantly from the network's. The
-    profile has exits if every trip takes a shortest way over turns that are used at all.
+    An entry road with few vehicles follows the network's course over time, and a road has turn
+    shares of its own only where they differ significantly from the network's. The profile has
+    exits if every trip takes a shortest way over turns that are used at all.
     """
     turns = plain_turns(plain)
     trips = [trip for trip in demand.trips if trip.depart < horizon]
     counts = _turn_counts(trips, turns)
     total = np.sum(list(counts.values()), axis=0)
     own = {road for road, row in counts.items() if _differs(row, total, turns[road])}
-    bin_length = _bin_length(trips, horizon)
     profile = DemandProfile(
-        bin=bin_length,
-        irregularity=_irregularity(trips, bin_length),
+        bin=BIN,
+        irregularity=_irregularity(trips),
         turns=_shares(total),
         road_turns={road: _shares(counts[road]) for road in sorted(own)},
         exits=(),
-        arrivals=_arrivals(trips, bin_length, horizon),
+        arrivals=_arrivals(trips, horizon),
     )
     graph = profile.graph(turns)
     if not _all_shortest(trips, graph):
@@ -77,40 +77,39 @@ def _shares(counts: IntArray) -> Shares:
     return left, straight, right
 
 
-def _bin_length(trips: Sequence[Trip], horizon: int) -> int:
-    """The shortest multiple of ``BIN`` [s] that gives each entry road enough vehicles a bin."""
-    least = min(Counter(trip.route[0] for trip in trips).values())
-    most = -(-horizon // BIN)
-    wide = (k for k in range(1, most) if most % k == 0 and least * k >= VEHICLES_A_BIN * most)
-    return BIN * next(wide, most)
-
-
-def _arrivals(trips: Sequence[Trip], bin_length: int, horizon: int) -> dict[str, tuple[float, ...]]:
-    table = {
-        road: [0.0] * -(-horizon // bin_length) for road in sorted({t.route[0] for t in trips})
+def _arrivals(trips: Sequence[Trip], horizon: int) -> dict[str, tuple[float, ...]]:
+    bins = np.arange(0, horizon + BIN, BIN)
+    counts = {
+        road: np.histogram([t.depart for t in trips if t.route[0] == road], bins)[0]
+        for road in sorted({trip.route[0] for trip in trips})
     }
-    for trip in trips:
-        table[trip.route[0]][int(trip.depart // bin_length)] += 1.0
-    return {road: tuple(row) for road, row in table.items()}
+    course = np.sum(list(counts.values()), axis=0) / len(trips)
+    return {
+        road: tuple(
+            (row if row.mean() >= ENOUGH else np.round(row.sum() * course, 1))
+            .astype(float)
+            .tolist()
+        )
+        for road, row in counts.items()
+    }
 
 
-def _irregularity(trips: Sequence[Trip], bin_length: int) -> float:
+def _irregularity(trips: Sequence[Trip]) -> float:
     """The coefficient of variation of the headways within entry road and bin, at most 1."""
-    deviations = np.array(list(_headways(trips, bin_length)))
-    if not deviations.size:
-        return 1.0
-    return min(round(float(np.sqrt((deviations**2).mean())), 2), 1.0)
+    squares = np.array(list(_squared_deviations(trips)))
+    return min(round(float(np.sqrt(squares.mean())), 2), 1.0) if squares.size else 1.0
 
 
-def _headways(trips: Sequence[Trip], bin_length: int) -> Iterator[float]:
-    """Headways relative to their mean in the entry road and bin, minus 1."""
+def _squared_deviations(trips: Sequence[Trip]) -> Iterator[float]:
+    """Of headways from their mean, relative to it; without the bias of small numbers."""
     cells: dict[tuple[str, int], list[float]] = {}
     for trip in trips:
-        cells.setdefault((trip.route[0], int(trip.depart // bin_length)), []).append(trip.depart)
+        cells.setdefault((trip.route[0], int(trip.depart // BIN)), []).append(trip.depart)
     for departs in cells.values():
         gaps = np.diff(departs)
         if gaps.size > 1 and gaps.mean() > 0:
-            yield from (gaps / gaps.mean() - 1.0).tolist()
+            unbiased = (gaps.size + 1) / (gaps.size - 1)
+            yield from ((gaps / gaps.mean() - 1.0) ** 2 * unbiased).tolist()
 
 
 def _all_shortest(trips: Sequence[Trip], graph: RoadGraph) -> bool:

@@ -40,6 +40,7 @@ class Trace:
     estimate: FloatArray  # (T, N, 12, F); NaN where the controller filled nothing
     mask: BoolArray  # (T, N, 12)
     decision_seconds: FloatArray  # (T,)
+    planned: FloatArray | None = None  # (T, N, H, 12, F) of the next H steps; NaN without a plan
     held: int = 0
     wall_seconds: float = 0.0
 
@@ -56,6 +57,12 @@ class Trace:
             mask=mask,
             decision_seconds=np.full(steps, np.nan),
         )
+
+    def keep_plan(self, step: int, plan: FloatArray) -> None:
+        """Take in what the controller expects (N, H, 12, F) of the steps after ``step``."""
+        if self.planned is None:
+            self.planned = np.full((len(self.time), *plan.shape), np.nan, dtype=np.float32)
+        self.planned[step] = plan
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,9 @@ def _control(
         estimates = controller.estimates()
         if estimates is not None:
             trace.estimate[step] = estimates
+        plans = controller.plans()
+        if plans is not None:
+            trace.keep_plan(step, plans)
         meter.update(end)
     trace.held = signals.held
 

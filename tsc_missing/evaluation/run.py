@@ -55,7 +55,9 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
 def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
     if settings.controller in NATIVE:
         return NativeProgram(settings.controller, scenario.folder.network)
-    controller = make_controller(settings.controller, settings.imputer, settings.blind)
+    controller = make_controller(
+        settings.controller, settings.imputer, settings.blind, settings.diffusion
+    )
     return Safe(controller, float(settings.signals.decision_interval))
 
 

@@ -59,26 +59,28 @@ def write_decisions(folder: Path, scene: Scene, trace: Trace) -> None:
 
     ``phase`` is what ran in the step; ``observed``, ``vehicles``, ``queue`` and the ``estimated_``
     columns are lists over the 12 slots: which of them reported, the truth at the step's start,
-    and what the controller took it for (null where it filled nothing).
+    and what the controller took it for (null where it filled nothing). The ``planned_`` columns,
+    of controllers that plan, hold such a list for each of the H steps ahead.
     """
     steps, n = trace.phase.shape
     intersections = pa.DictionaryArray.from_arrays(
         pa.array(np.tile(np.arange(n, dtype=np.int32), steps)), pa.array(scene.network.ids)
     )
-    table = pa.table(
-        {
-            "step": pa.array(np.repeat(np.arange(steps, dtype=np.int32), n)),
-            "time": pa.array(np.repeat(trace.time, n)),
-            "intersection": intersections,
-            "phase": pa.array(trace.phase.ravel().astype(np.int8)),
-            "observed": _lists(pa.array(trace.mask.ravel())),
-            "vehicles": _counts(trace.truth[..., VEHICLES]),
-            "queue": _counts(trace.truth[..., QUEUE]),
-            "estimated_vehicles": _counts(trace.estimate[..., VEHICLES]),
-            "estimated_queue": _counts(trace.estimate[..., QUEUE]),
-        }
-    )
-    pq.write_table(table, folder / DECISIONS)
+    columns = {
+        "step": pa.array(np.repeat(np.arange(steps, dtype=np.int32), n)),
+        "time": pa.array(np.repeat(trace.time, n)),
+        "intersection": intersections,
+        "phase": pa.array(trace.phase.ravel().astype(np.int8)),
+        "observed": _lists(pa.array(trace.mask.ravel())),
+        "vehicles": _counts(trace.truth[..., VEHICLES]),
+        "queue": _counts(trace.truth[..., QUEUE]),
+        "estimated_vehicles": _counts(trace.estimate[..., VEHICLES]),
+        "estimated_queue": _counts(trace.estimate[..., QUEUE]),
+    }
+    if trace.planned is not None:
+        columns["planned_vehicles"] = _ahead(trace.planned[..., VEHICLES])
+        columns["planned_queue"] = _ahead(trace.planned[..., QUEUE])
+    pq.write_table(pa.table(columns), folder / DECISIONS)
 
 
 def _nullable(values: FloatArray) -> Any:
@@ -89,6 +91,11 @@ def _nullable(values: FloatArray) -> Any:
 def _counts(values: FloatArray) -> Any:
     flat = values.ravel().astype(np.float32)
     return _lists(pa.array(flat, mask=np.isnan(flat)))
+
+
+def _ahead(values: FloatArray) -> Any:
+    """Lists over the H steps ahead of lists over the slots, from (T, N, H, 12)."""
+    return pa.FixedSizeListArray.from_arrays(_counts(values), values.shape[2])
 
 
 def _lists(values: Any) -> Any:

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 
+from tsc_missing.config import DiffusionSettings
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputer
+from tsc_missing.imputation.diffusion import DiffusionImputer
 from tsc_missing.imputation.historical_mean import HistoricalMean
 from tsc_missing.imputation.last_value import LastValue
 from tsc_missing.imputation.store_and_forward import StoreAndForward
+from tsc_missing.weights.find import find_weights
 
 IMPUTERS: dict[str, Callable[[], Imputer]] = {
     "sfm": StoreAndForward,
@@ -16,8 +19,14 @@ IMPUTERS: dict[str, Callable[[], Imputer]] = {
 }
 
 
-def make_imputer(name: str) -> Imputer:
+DIFFUSION = "diffusion"  # apart from the others: it needs weights
+
+
+def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imputer:
     """A new imputer by its name; ``UserError`` names the nearest where there is none."""
+    if name == DIFFUSION:
+        settings = diffusion or DiffusionSettings()
+        return DiffusionImputer(find_weights(settings.weights), settings.sampling_steps)
     if name not in IMPUTERS:
-        raise UserError("imputer", name, nearest(name, IMPUTERS))
+        raise UserError("imputer", name, nearest(name, [*IMPUTERS, DIFFUSION]))
     return IMPUTERS[name]()
