@@ -1,1 +1,10 @@
-"""The commands, one thin module each; no logic lives here."""
+"""The commands, one thin module each; no logic lives here.
+
+NumPy's linear algebra starts no threads in them, which has to be said before NumPy is loaded:
+nothing here multiplies matrices with it, and SUMO allocates memory all the time, which is faster
+in a process that never had a second thread.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
