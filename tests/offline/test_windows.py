@@ -44,10 +44,10 @@ def brute_force(dataset, episode, n, start):
     network = dataset.networks[dataset.manifest.episodes[episode].spec.net]
 
     def cell(t, m, slot):
+        red = log.red_steps[max(t, 0), m, slot]
         if t < 0:
-            return (None, False, False, 0)
+            return (None, False, red == 0, red)
         values = tuple(log.values[t, m, slot])
-        red = log.red_steps[t, m, slot]
         return (values, bool(log.recorded[t, m, slot]), red == 0, red)
 
     own = [[cell(start + k, n, slot) for slot in range(12)] for k in range(T)]

@@ -39,7 +39,7 @@ from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.versions import git_revision, versions
 
-RUNS_PER_PROCESS = 16
+RUNS_PER_PROCESS = 32  # processes end after about so many, with the memory that SUMO has lost
 
 Watch = Callable[[int, int], None]  # (episodes that are there, episodes wanted)
 
@@ -102,14 +102,17 @@ def _run_all(specs: list[EpisodeSpec], out: Path, workers: int) -> Iterator[Epis
     """Run episodes in processes of their own; gives each as it ends, in any order."""
     if not specs:
         return
-    with (
-        tempfile.TemporaryDirectory(prefix="tsc-collect-") as scratch,
-        _processes(min(workers, len(specs))) as pool,
-    ):
-        futures = {pool.submit(run_episode, spec, out, Path(scratch)): spec for spec in specs}
-        for future in as_completed(futures):
-            future.result()
-            yield futures[future]
+    size = workers * RUNS_PER_PROCESS
+    with tempfile.TemporaryDirectory(prefix="tsc-collect-") as scratch:
+        for first in range(0, len(specs), size):
+            some = specs[first : first + size]
+            with _processes(min(workers, len(some))) as pool:
+                futures = {
+                    pool.submit(run_episode, spec, out, Path(scratch)): spec for spec in some
+                }
+                for future in as_completed(futures):
+                    future.result()
+                    yield futures[future]
 
 
 @contextmanager
@@ -117,9 +120,7 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool whose processes end with the block, even in the middle of a run."""
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(
-        workers, context, initializer=_leave_signals, max_tasks_per_child=RUNS_PER_PROCESS
-    )
+    pool = ProcessPoolExecutor(workers, context, initializer=_leave_signals)
     try:
         yield pool
     except BaseException:

@@ -135,14 +135,14 @@ class WindowSampler:
     def _gather(self, cells: IntArray, within: BoolArray) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Values (…, F), recorded, green and red steps (…) of cells (…) of the pool.
 
-        Where not ``within`` the episode nothing is recorded, and no signal is shown.
+        Where not ``within`` the episode nothing is recorded, and the signals stand as they do in
+        its first step, which ``cells`` must point to (as ``controllers.recent`` has it in a run).
         """
         flat = self._cells.index_select(0, _tensor(cells.ravel()))
         found = flat.view(*cells.shape, -1)
-        inside = _tensor(within)
-        red = torch.where(inside, found[..., RED_STEPS], 0.0)
-        green = (found[..., RED_STEPS] == 0) & inside
-        return found[..., :RED_STEPS], (found[..., RECORDED] > 0) & inside, green, red
+        red = found[..., RED_STEPS]
+        recorded = (found[..., RECORDED] > 0) & _tensor(within)
+        return found[..., :RED_STEPS], recorded, red == 0, red
 
 
 class _Tables:
