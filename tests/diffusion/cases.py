@@ -20,6 +20,7 @@ VARIANTS = {
     "unet": TINY.model_copy(update={"noise_model": "unet", "padded_rewards": True}),
     "padded": TINY.model_copy(update={"padded_rewards": True}),
     "no dcm": TINY.model_copy(update={"dcm": False}),
+    "no downstream": TINY.model_copy(update={"downstream": False}),
     "no neighbours": TINY.model_copy(update={"neighbours": False}),
     "no inverse dynamics": TINY.model_copy(update={"inverse_dynamics": False}),
 }
@@ -39,6 +40,14 @@ def line(count: int) -> torch.Tensor:
     table = torch.full((count, 12, 3), -1)
     for n in range(count - 1):
         table[n, 3:6] = 12 * (n + 1) + torch.tensor([3, 4, 5])
+    return table
+
+
+def line_downstream(count: int) -> torch.Tensor:
+    """(N, 12, 3): the same roads as ``line``, seen from upstream."""
+    table = torch.full((count, 12, 3), -1)
+    for n in range(1, count):
+        table[n, 3:6] = 12 * (n - 1) + torch.tensor([3, 4, 5])
     return table
 
 
@@ -63,6 +72,7 @@ def history(count: int = 3, observed: float = 0.6, seed: int = 0) -> History:
         observable=torch.ones(count, 12, dtype=torch.bool),
         slots=torch.ones(count, 12, dtype=torch.bool),
         neighbours=line(count),
+        downstream=line_downstream(count),
         phases=phases(count),
         phase_mask=torch.ones(count, 4, dtype=torch.bool),
     )
@@ -92,6 +102,7 @@ def windows(count: int = 24, seed: int = 0, recorded: float = 0.9) -> Windows:
     served = phases(count)[torch.arange(count), action]
     values[:, 5] = torch.where(served.unsqueeze(-1), 0.5, values[:, 4] + 1)
     near = torch.rand(count, 4, 3, 8, generator=g)
+    down = torch.rand(count, 12, 3, 8, generator=g)
     return Windows(
         values=torch.where(there.unsqueeze(-1), values, torch.nan),
         recorded=there,
@@ -110,4 +121,9 @@ def windows(count: int = 24, seed: int = 0, recorded: float = 0.9) -> Windows:
         near_green=near < 0.3,
         near_red_steps=(10 * near).long(),
         near_exists=torch.rand(count, 4, 3, generator=g) < 0.8,
+        down_values=torch.where(down < 0.8, 10 * down, torch.nan)
+        .unsqueeze(-1)
+        .expand(-1, -1, -1, -1, 2),
+        down_given=down < 0.8,
+        down_exists=torch.rand(count, 12, 3, generator=g) < 0.8,
     )

@@ -23,7 +23,8 @@ def test_every_weight_learns(config):
     for name, weight in made.named_parameters():
         assert weight.grad is not None, name
         assert weight.grad.isfinite().all(), name
-        assert weight.grad.abs().sum() > 0, name
+        shifts_all_logits = name == "inverse.score.2.bias"  # and so does nothing
+        assert shifts_all_logits or weight.grad.abs().sum() > 0, name
 
 
 @pytest.mark.parametrize("config", VARIANTS.values(), ids=VARIANTS)

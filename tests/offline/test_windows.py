@@ -58,7 +58,20 @@ def brute_force(dataset, episode, n, start):
         ]
         for slot in range(12)
     ]
-    return own, near, log.phase[start + C - 1, n], network
+    down = [
+        [[cell(start + k, *divmod(int(flat), 12)) for k in range(T)] for flat in roads if flat >= 0]
+        for roads in network.downstream[n]
+    ]
+    return own, near, down, log.phase[start + C - 1, n], network
+
+
+def check_roads(expected, w, b, slot):
+    assert w.down_exists[b, slot].sum() == len(expected)
+    for j, cells in enumerate(expected):
+        for k, (values, known, _, _) in enumerate(cells):
+            assert bool(w.down_given[b, slot, j, k]) == known
+            if known:
+                assert tuple(w.down_values[b, slot, j, k].tolist()) == values
 
 
 def check_cell(expected, values, recorded, green, red):
@@ -81,7 +94,7 @@ def test_windows_equal_brute_force(dataset):
     for b in range(40):
         episode = int(made._pool.episode[draw.place[b]])
         n, start = int(draw.intersection[b]), int(draw.start[b])
-        own, near, action, network = brute_force(dataset, episode, n, start)
+        own, near, down, action, network = brute_force(dataset, episode, n, start)
         assert w.action[b] == action
         assert torch.equal(w.slots[b], torch.from_numpy(network.slot_mask[n]))
         phases = network.phases.shape[1]
@@ -104,7 +117,10 @@ def test_windows_equal_brute_force(dataset):
                         w.near_green[at],
                         w.near_red_steps[at],
                     )
+        for slot in range(12):
+            check_roads(down[slot], w, b, slot)
     assert not w.near_given[~w.near_exists].any()
+    assert not w.down_given[~w.down_exists].any()
 
 
 def test_same_seed_and_step_same_windows(dataset):

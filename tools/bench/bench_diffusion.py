@@ -17,7 +17,12 @@ from collections.abc import Callable
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from tsc_missing.diffusion.batch import Inputs, TrainingBatch, gather_neighbours
+from tsc_missing.diffusion.batch import (
+    Inputs,
+    TrainingBatch,
+    gather_downstream,
+    gather_neighbours,
+)
 from tsc_missing.diffusion.config import DiffLightConfig, Precision
 from tsc_missing.diffusion.difflight import DiffLightModel
 from tsc_missing.diffusion.ema import Ema
@@ -78,6 +83,7 @@ def training_batch(config: DiffLightConfig, windows: int, seed: int = 0) -> Trai
         observable=recorded,
         signals=signals,
         neighbours=gather_neighbours(values, recorded, signals, table),
+        downstream=gather_downstream(values, recorded, grid_downstream(windows)),
     )
     return TrainingBatch(
         inputs=inputs,
@@ -89,6 +95,12 @@ def training_batch(config: DiffLightConfig, windows: int, seed: int = 0) -> Trai
         action=torch.randint(0, PHASES, (windows,), generator=g),
         action_known=torch.ones(windows, dtype=torch.bool),
     )
+
+
+def grid_downstream(count: int) -> torch.Tensor:
+    """(N, 12, 3): every slot leads to the slots of some approach."""
+    first = torch.arange(count * SLOTS).view(count, SLOTS, 1) // 3 * 3
+    return first + torch.arange(3)
 
 
 def history(config: DiffLightConfig, count: int, seed: int = 0) -> History:
@@ -103,6 +115,7 @@ def history(config: DiffLightConfig, count: int, seed: int = 0) -> History:
         observable=torch.ones(count, SLOTS, dtype=torch.bool),
         slots=torch.ones(count, SLOTS, dtype=torch.bool),
         neighbours=grid_neighbours(count),
+        downstream=grid_downstream(count),
         phases=phase_table(count),
         phase_mask=torch.ones(count, PHASES, dtype=torch.bool),
     )

@@ -61,6 +61,7 @@ class Planner:
         self._observable = torch.from_numpy(context.sensors & network.slot_mask)
         self._slots = torch.from_numpy(network.slot_mask)
         self._neighbours = torch.from_numpy(network.neighbours)
+        self._downstream = torch.from_numpy(network.downstream)
         self._phases = torch.from_numpy(network.phases)
         self._phase_mask = torch.from_numpy(network.phase_mask)
 
@@ -85,6 +86,7 @@ class Planner:
             observable=self._observable,
             slots=self._slots,
             neighbours=self._neighbours,
+            downstream=self._downstream,
             phases=self._phases,
             phase_mask=self._phase_mask,
         )

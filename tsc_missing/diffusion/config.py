@@ -47,6 +47,7 @@ class DiffLightConfig(Settings):
     padded_rewards: bool = False  # ablation: zeros for missing rewards, no PRCD
     dcm: bool = True
     neighbours: bool = True
+    downstream: bool = True  # what is on the roads that a slot leads to is an input
     inverse_dynamics: bool = True  # ablation: else observations and actions are diffused together
 
     @model_validator(mode="after")
@@ -66,5 +67,10 @@ class DiffLightConfig(Settings):
     def as_published(cls) -> "DiffLightConfig":
         """The method as its paper has it, without what was added here."""
         return cls(
-            predict="noise", heads=4, known_flag=False, own_signals=False, slot_identity=False
+            predict="noise",
+            heads=4,
+            known_flag=False,
+            own_signals=False,
+            slot_identity=False,
+            downstream=False,
         )

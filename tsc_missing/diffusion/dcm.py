@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from tsc_missing.diffusion.batch import Inputs, gather_neighbours
+from tsc_missing.diffusion.batch import Inputs, gather_downstream, gather_neighbours
 
 
 class Communication:
@@ -15,12 +15,18 @@ class Communication:
     their last x̂^0 with the known cells written in. Switched off, they go on giving the first.
     """
 
-    def __init__(self, inputs: Inputs, values: Tensor, table: Tensor, enabled: bool) -> None:
-        """``values`` (N, T, L, F) count where known; ``table`` (N, G, 3) of flat slots."""
+    def __init__(
+        self, inputs: Inputs, values: Tensor, table: Tensor, downstream: Tensor, enabled: bool
+    ) -> None:
+        """``values`` (N, T, L, F) count where known.
+
+        ``table`` (N, G, 3) and ``downstream`` (N, L, D) are of flat slots.
+        """
         self._known = inputs.known
         self._there = inputs.slots.unsqueeze(1).expand_as(inputs.known)
         self._values = values
         self._table = table
+        self._downstream = downstream
         self._enabled = enabled
         self.inputs = self._with_neighbours(inputs, values, inputs.known)
 
@@ -31,5 +37,8 @@ class Communication:
             self.inputs = self._with_neighbours(self.inputs, told, self._there)
 
     def _with_neighbours(self, inputs: Inputs, values: Tensor, given: Tensor) -> Inputs:
-        near = gather_neighbours(values, given, inputs.signals, self._table)
-        return replace(inputs, neighbours=near)
+        return replace(
+            inputs,
+            neighbours=gather_neighbours(values, given, inputs.signals, self._table),
+            downstream=gather_downstream(values, given, self._downstream),
+        )

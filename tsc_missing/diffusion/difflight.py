@@ -117,7 +117,8 @@ class DiffLightModel(nn.Module):
         config = self.config
         table = group_table(history.neighbours, history.slots)
         inputs, values = inputs_at_inference(history, table, config, self.scaling)
-        talk = Communication(inputs, values, table, enabled=config.dcm and config.neighbours)
+        talking = config.dcm and config.neighbours
+        talk = Communication(inputs, values, table, history.downstream, enabled=talking)
         x0 = self._with_green(values, _padded(history.green, config.horizon))
         known = self._known(inputs)
 

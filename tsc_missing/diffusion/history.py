@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as nnf
 
-from tsc_missing.diffusion.batch import Inputs, gather_neighbours
+from tsc_missing.diffusion.batch import Inputs, gather_downstream, gather_neighbours
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.scaling import Scaling
 from tsc_missing.sensing.observation import QUEUE
@@ -26,6 +26,7 @@ class History:
     observable: Tensor  # (N, L) bool: m_obs of the future, sensors are expected to report
     slots: Tensor  # (N, L) bool
     neighbours: Tensor  # (N, L, 3) flat upstream slots, -1 for none
+    downstream: Tensor  # (N, L, D) flat slots on the road that a slot leads to, -1 for none
     phases: Tensor  # (N, P, L) bool
     phase_mask: Tensor  # (N, P) bool
 
@@ -76,5 +77,6 @@ def inputs_at_inference(
         observable=torch.cat((known, observable.unsqueeze(1).expand(-1, ahead, -1)), dim=1),
         signals=signals,
         neighbours=gather_neighbours(values, all_known, signals, table),
+        downstream=gather_downstream(values, all_known, history.downstream),
     )
     return inputs, values

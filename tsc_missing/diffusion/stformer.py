@@ -84,11 +84,9 @@ class STFormer(NoiseModel):
         """Every input has an embedding of its own."""
         super().__init__(config)
         width, channels = config.width, N_FEATURES + (not config.inverse_dynamics)
-        self.known_flag = config.known_flag
-        self.own_signals = config.own_signals
         self.heads = config.heads
         extra = config.known_flag + N_SIGNALS * config.own_signals
-        self.own = mlp(channels + extra, width, width)  # e_ctr
+        self.own = mlp(self.cell_width, width, width)  # e_ctr
         upstream = Dense(N_FEATURES + extra + 1, width)  # e_ntr, its first layer
         self.upstream = upstream if config.neighbours else None
         self.diffusion_step = StepEmbedding(width)  # e_dt
@@ -127,12 +125,7 @@ class STFormer(NoiseModel):
 
     def _embed(self, x: Tensor, inputs: Inputs) -> Tensor:
         """e_ctr (B, L, T, D) of x^k (B, T, L, F) and what is known of the cells."""
-        features = [x]
-        if self.known_flag:
-            features.append(inputs.known.unsqueeze(-1).float())
-        if self.own_signals:
-            features.append(inputs.signals)
-        cells = blank(torch.cat(features, dim=-1), inputs.slots.unsqueeze(1))
+        cells = self._cells(x, inputs)
         e: Tensor = self.own(cells.transpose(1, 2).to(COMPUTE[self.precision]))
         return e if self.slot is None else e + self.slot.to(e.dtype)
 

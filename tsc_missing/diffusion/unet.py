@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from tsc_missing.diffusion.batch import N_SIGNALS, Inputs, blank
+from tsc_missing.diffusion.batch import Inputs, blank
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.layers import StepEmbedding, mlp
 from tsc_missing.diffusion.noise_model import NoiseModel
@@ -44,12 +44,9 @@ class UNet(NoiseModel):
         super().__init__(config)
         width = config.width
         self.channels = N_FEATURES + (not config.inverse_dynamics)
-        self.known_flag = config.known_flag
-        self.own_signals = config.own_signals
-        cell = self.channels + config.known_flag + N_SIGNALS * config.own_signals
         self.diffusion_step = StepEmbedding(width)
         self.reward = mlp(2 * config.steps, width, width)
-        self.enter = Block(N_SLOTS * cell, width, width)
+        self.enter = Block(N_SLOTS * self.cell_width, width, width)
         self.down = Block(width, 2 * width, width)
         self.bottom = Block(2 * width, 2 * width, width)
         self.up = Block(4 * width, width, width)
@@ -75,10 +72,4 @@ class UNet(NoiseModel):
 
     def _features(self, x: Tensor, inputs: Inputs) -> Tensor:
         """(B, L * features, T)."""
-        features = [x]
-        if self.known_flag:
-            features.append(inputs.known.unsqueeze(-1).float())
-        if self.own_signals:
-            features.append(inputs.signals)
-        cells = blank(torch.cat(features, dim=-1), inputs.slots.unsqueeze(1))
-        return cells.flatten(2).transpose(1, 2)
+        return self._cells(x, inputs).flatten(2).transpose(1, 2)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from tsc_missing.diffusion.batch import Inputs, Neighbours, TrainingBatch
+from tsc_missing.diffusion.batch import Inputs, Neighbours, TrainingBatch, sum_downstream
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.history import rewards
 from tsc_missing.diffusion.scaling import Scaling
@@ -33,6 +33,9 @@ class Windows:
     near_green: Tensor  # (B, G, 3, T) bool
     near_red_steps: Tensor  # (B, G, 3, T)
     near_exists: Tensor  # (B, G, 3) bool
+    down_values: Tensor  # (B, L, D, T, F) on the roads downstream, in vehicles
+    down_given: Tensor  # (B, L, D, T) bool: what they tell
+    down_exists: Tensor  # (B, L, D) bool
 
 
 def training_batch(windows: Windows, config: DiffLightConfig) -> TrainingBatch:
@@ -55,6 +58,9 @@ def training_batch(windows: Windows, config: DiffLightConfig) -> TrainingBatch:
         observable=torch.where(past, recorded, windows.observable.unsqueeze(1)),
         signals=_signals(windows.green, windows.red_steps, config, scaling),
         neighbours=_neighbours(windows, config, scaling),
+        downstream=sum_downstream(
+            scaling.values(windows.down_values), windows.down_given, windows.down_exists
+        ),
     )
     return TrainingBatch(
         inputs=inputs,

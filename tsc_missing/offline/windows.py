@@ -15,7 +15,7 @@ from tsc_missing.network.slots import APPROACHES, MAX_NEIGHBOURS, N_SLOTS
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.log import FIELD
 from tsc_missing.offline.pool import RECORDED, RED_STEPS, EpisodePool
-from tsc_missing.offline.window_masks import MaskMix, draw_masks
+from tsc_missing.offline.window_masks import MaskMix, WindowMasks, draw_masks
 from tsc_missing.seeding import stream
 
 
@@ -101,17 +101,12 @@ class WindowSampler:
         rows = draw.place[:, None] * pool.rows + np.maximum(time, 0) * tables.n[net][:, None]
         own = (rows + draw.intersection[:, None])[..., None] * N_SLOTS + np.arange(N_SLOTS)
         values, recorded, green, red = self._gather(own, within[..., None])
-        table = tables.neighbours[index]  # (B, G, 3)
-        exists = table >= 0
-        near = np.maximum(table, 0)
-        cells = rows[:, None, None, :] * N_SLOTS + near[..., None]
-        found = self._gather(cells, within[:, None, None, :])
         slots = np.broadcast_to(np.arange(N_SLOTS), (count, N_SLOTS))
         here = np.broadcast_to(draw.intersection[:, None], (count, N_SLOTS))
         seen = masks.seen(here, slots, self._length).transpose(0, 2, 1)
-        told = masks.seen(near // N_SLOTS, near % N_SLOTS, self._length)
-        told &= np.arange(self._length) < self._history
-        told |= (rng.random(count) < self._told_all)[:, None, None, None]
+        telling = _Telling(rows, within, masks, rng.random(count) < self._told_all)
+        near = self._told(telling, tables.neighbours[index])
+        down = self._told(telling, tables.downstream[index])
         now = rows[:, self._history - 1] + draw.intersection
         reports = pool.reports[draw.place, draw.intersection]
         return Windows(
@@ -125,12 +120,28 @@ class WindowSampler:
             phases=_tensor(tables.phases[index]),
             phase_mask=_tensor(tables.phase_mask[index]),
             action=_tensor(pool.phase[now].astype(np.int64)),
-            near_values=found[0],
-            near_given=found[1] & _tensor(told & exists[..., None]),
-            near_green=found[2],
-            near_red_steps=found[3],
-            near_exists=_tensor(exists),
+            near_values=near.values,
+            near_given=near.given,
+            near_green=near.green,
+            near_red_steps=near.red_steps,
+            near_exists=near.exists,
+            down_values=down.values,
+            down_given=down.given,
+            down_exists=down.exists,
         )
+
+    def _told(self, telling: "_Telling", table: IntArray) -> "_Told":
+        """What the slots of ``table`` (B, …), flat and -1 for none, tell over the T steps."""
+        exists = table >= 0
+        other = np.maximum(table, 0)
+        steps = (len(table), *[1] * (table.ndim - 1), self._length)
+        cells = telling.rows.reshape(steps) * N_SLOTS + other[..., None]
+        values, recorded, green, red = self._gather(cells, telling.within.reshape(steps))
+        told = telling.masks.seen(other // N_SLOTS, other % N_SLOTS, self._length)
+        told &= np.arange(self._length) < self._history
+        told |= telling.everything.reshape(steps[:-1])[..., None]
+        given = recorded & _tensor(told & exists[..., None])
+        return _Told(values, given, green, red, _tensor(exists))
 
     def _gather(self, cells: IntArray, within: BoolArray) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Values (…, F), recorded, green and red steps (…) of cells (…) of the pool.
@@ -143,6 +154,27 @@ class WindowSampler:
         red = found[..., RED_STEPS]
         recorded = (found[..., RECORDED] > 0) & _tensor(within)
         return found[..., :RED_STEPS], recorded, red == 0, red
+
+
+@dataclass(frozen=True)
+class _Telling:
+    """What others tell a window."""
+
+    rows: IntArray  # (B, T) the first row of each step in the pool
+    within: BoolArray  # (B, T)
+    masks: WindowMasks
+    everything: BoolArray  # (B,) whether they tell all that is recorded
+
+
+@dataclass(frozen=True)
+class _Told:
+    """The cells (B, …, T) of other slots."""
+
+    values: Tensor  # (B, …, T, F)
+    given: Tensor
+    green: Tensor
+    red_steps: Tensor
+    exists: Tensor  # (B, …)
 
 
 class _Tables:
@@ -162,6 +194,7 @@ class _Tables:
         self.phases = np.concatenate([padded(network.phases) for network in networks])
         self.phase_mask = np.concatenate([padded(network.phase_mask) for network in networks])
         self.neighbours = _neighbour_tables(networks)
+        self.downstream = _downstream_tables(networks)
 
 
 def _neighbour_tables(networks: list[Network]) -> IntArray:
@@ -173,6 +206,21 @@ def _neighbour_tables(networks: list[Network]) -> IntArray:
     if any(table.shape[1] != len(APPROACHES) for table in grouped):
         grouped = [network.neighbours for network in networks]
     return np.concatenate(grouped).reshape(-1, grouped[0].shape[1], MAX_NEIGHBOURS)
+
+
+def _downstream_tables(networks: list[Network]) -> IntArray:
+    """(sum of N, 12, D)."""
+    most = max(network.downstream.shape[2] for network in networks)
+    return np.concatenate(
+        [
+            np.pad(
+                network.downstream,
+                ((0, 0), (0, 0), (0, most - network.downstream.shape[2])),
+                constant_values=-1,
+            )
+            for network in networks
+        ]
+    )
 
 
 def _tensor(array: npt.NDArray[np.generic]) -> Tensor:
