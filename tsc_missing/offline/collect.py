@@ -1,11 +1,8 @@
 """Collecting: behaviour policies in closed loop, an episode log for each run."""
 
-import multiprocessing
-import signal
 import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +32,7 @@ from tsc_missing.offline.dataset import (
 from tsc_missing.offline.log import EpisodeLog, log_of, read_log, write_log
 from tsc_missing.offline.plan import CollectSettings, EpisodeSpec, draw_spec
 from tsc_missing.offline.policies import make_policy
+from tsc_missing.processes import worker_processes
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.versions import git_revision, versions
@@ -106,35 +104,13 @@ def _run_all(specs: list[EpisodeSpec], out: Path, workers: int) -> Iterator[Epis
     with tempfile.TemporaryDirectory(prefix="tsc-collect-") as scratch:
         for first in range(0, len(specs), size):
             some = specs[first : first + size]
-            with _processes(min(workers, len(some))) as pool:
+            with worker_processes(min(workers, len(some))) as pool:
                 futures = {
                     pool.submit(run_episode, spec, out, Path(scratch)): spec for spec in some
                 }
                 for future in as_completed(futures):
                     future.result()
                     yield futures[future]
-
-
-@contextmanager
-def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes end with the block, even in the middle of a run."""
-    context = multiprocessing.get_context("spawn")
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, context, initializer=_leave_signals)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
-            child.join()
-        raise
-    pool.shutdown()
-
-
-def _leave_signals() -> None:
-    """Ctrl-C is for the parent, which ends its processes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _is_there(out: Path, spec: EpisodeSpec) -> bool:

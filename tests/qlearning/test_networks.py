@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="Q-networks need torch")
+
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.networks import grid_network, tee_network
+from tsc_missing.qlearning.features import N_NAMES, NAMES, SlotTables, columns, slot_features
+from tsc_missing.qlearning.networks import ALGORITHMS, NO_PHASE, Graph
+
+NETWORKS = {"2 x 3": grid_network(2, 3), "tee": tee_network()}
+
+
+def observed(network, seed=0, steps=()):
+    rng = np.random.default_rng(seed)
+    shape = (*steps, network.n, 12)
+    vehicles = rng.integers(0, 30, shape) * network.slot_mask
+    queue = np.minimum(rng.integers(0, 30, shape), vehicles)
+    return np.stack((vehicles, queue), axis=-1).astype(float), rng.integers(0, 5, shape)
+
+
+def features(network, *args, **options):
+    return slot_features(SlotTables.of(network, 15.0), *observed(network, *args, **options))
+
+
+@pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
+def test_features_follow_the_connections(network):
+    values, red = observed(network)
+    found = features(network)
+    assert found.shape == (network.n, 12, N_NAMES)
+    queue = values[..., 1].ravel()
+    for n in range(network.n):
+        for slot in range(12):
+            for k, flat in enumerate(network.neighbours[n, slot]):
+                there = found[n, slot, NAMES.index(f"upstream_there_{k}")]
+                wanted = queue[flat] if flat >= 0 else 0
+                assert there == (flat >= 0)
+                got = found[n, slot, NAMES.index(f"upstream_queue_{k}")]
+                assert got == pytest.approx(wanted / 10)
+            down = [queue[flat] for flat in network.downstream[n, slot] if flat >= 0]
+            lanes = max(network.exit_lane_count[n, slot], 1)
+            got = found[n, slot, NAMES.index("downstream_queue")]
+            assert got == pytest.approx(sum(down) / lanes / 10, rel=1e-5)
+    assert (found[..., NAMES.index("green")] == (red == 0)).all()
+
+
+def test_features_of_many_steps_are_those_of_each():
+    network = NETWORKS["tee"]
+    values, red = observed(network, steps=(4,))
+    tables = SlotTables.of(network, 15.0)
+    together = slot_features(tables, values, red)
+    for t in range(4):
+        assert (together[t] == slot_features(tables, values[t], red[t])).all()
+
+
+def test_columns_are_by_name():
+    assert columns("green") == [NAMES.index("green")]
+    assert len(columns("upstream")) == 12
+    assert columns(*NAMES) == list(range(N_NAMES))
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
+def test_values_of_phases_that_are_there(algorithm, network):
+    torch.manual_seed(0)
+    q, graph = ALGORITHMS[algorithm](8), Graph.of(network)
+    values = q(torch.from_numpy(features(network, steps=(3,))), graph)
+    assert values.shape == (3, *network.phase_mask.shape)
+    there = graph.phase_mask.expand(3, -1, -1)
+    assert values[there].isfinite().all()
+    assert (values[~there] == NO_PHASE).all()
+    values[there].sum().backward()
+    for name, weight in q.named_parameters():
+        assert weight.grad.isfinite().all(), name
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@given(order=st.permutations(range(6)))
+def test_permuting_intersections_permutes_the_values(algorithm, order):
+    torch.manual_seed(0)
+    network = NETWORKS["2 x 3"]
+    q, graph, x = ALGORITHMS[algorithm](8), Graph.of(network), torch.from_numpy(features(network))
+    place = np.argsort(order)
+    adjacent = graph.adjacent[list(order)]
+    moved = torch.where(adjacent >= 0, torch.from_numpy(place)[adjacent.clamp(min=0)], -1)
+    other = Graph(graph.phases[list(order)], graph.phase_mask[list(order)], moved)
+    plain, permuted = q(x[None], graph)[0], q(x[list(order)][None], other)[0]
+    torch.testing.assert_close(permuted, plain[list(order)], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_order_of_phases_does_not_matter(algorithm):
+    torch.manual_seed(0)
+    network = NETWORKS["2 x 3"]
+    q, graph, x = ALGORITHMS[algorithm](8), Graph.of(network), torch.from_numpy(features(network))
+    order = [2, 0, 3, 1]
+    other = Graph(graph.phases[:, order], graph.phase_mask[:, order], graph.adjacent)
+    torch.testing.assert_close(q(x[None], other), q(x[None], graph)[..., order])

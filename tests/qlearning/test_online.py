@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="Q-networks need torch")
+
+import torch
+
+from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
+from tsc_missing.offline.log import read_log
+from tsc_missing.qlearning.config import QLearningSettings
+from tsc_missing.qlearning.learner import Learner
+from tsc_missing.qlearning.networks import Graph
+from tsc_missing.qlearning.online import EPISODES, QTraining
+from tsc_missing.qlearning.replay import Replay
+from tsc_missing.qlearning.weights import load_q_network
+
+
+def settings(small_net, **changes):
+    values = {
+        "algorithm": "advanced-colight",
+        "nets": (str(small_net),),
+        "demand": "recorded",
+        "volume_min": 1,
+        "volume_max": 1,
+        "horizon": 150,
+        "rounds": 3,
+        "episodes": 1,
+        "updates": 5,
+        "batch": 24,
+        "width": 8,
+    }
+    return QLearningSettings(**{**values, **changes})
+
+
+def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
+    plan = settings(small_net)
+    whole = QTraining(plan, tmp_path / "whole").run(1)
+    rounds = []
+    first = QTraining(plan, tmp_path / "broken")
+    assert first.run(1, rounds.append, lambda: len(rounds) == 2) is None
+    assert first.round == 2
+    second = QTraining(plan, tmp_path / "broken", resume=True).run(1)
+    (one, about), (other, _) = load_q_network(whole), load_q_network(second)
+    assert about["updates"] == 15
+    for name, weight in one.state_dict().items():
+        assert torch.equal(weight, other.state_dict()[name]), name
+    for file in (tmp_path / "whole" / EPISODES).iterdir():
+        assert (
+            read_log(file)[0].phase == read_log(tmp_path / "broken" / EPISODES / file.name)[0].phase
+        ).all()
+
+
+def test_learning_reduces_the_error(small_net, tmp_path):
+    """Values of a fixed episode, without a future to guess."""
+    training = QTraining(settings(small_net, rounds=1, updates=1, discount=0.0), tmp_path / "t")
+    training.run(1)
+    plan = settings(small_net, rounds=10, updates=30, discount=0.0, learning_rate=1e-2)
+    log, about = read_log(tmp_path / "t" / EPISODES / "00000-0.parquet")
+    from tsc_missing.evaluation.scenario import find_scenario
+
+    network = find_scenario(about["net"], "recorded").folder.network
+    replay = Replay({about["net"]: network}, "queue", 20.0, 5)
+    replay.add(about["net"], log)
+    torch.manual_seed(0)
+    learner = Learner(plan, {about["net"]: Graph.of(network)})
+    rng = np.random.default_rng(0)
+    losses = [learner.update(replay.sample(24, rng)) for _ in range(300)]
+    assert np.mean(losses[-30:]) < 0.3 * np.mean(losses[:10])
+
+
+def test_rewards_are_of_the_step_after(small_net, tmp_path):
+    training = QTraining(settings(small_net, rounds=1, updates=1), tmp_path / "t")
+    training.run(1)
+    log, about = read_log(tmp_path / "t" / EPISODES / "00000-0.parquet")
+    (batch,) = training._own.sample(10_000, np.random.default_rng(0))
+    queue = log.values[..., 1].sum(axis=2)
+    possible = {(round(-float(q) / 20, 4)) for q in queue[1:].ravel()}
+    assert {round(float(r), 4) for r in batch.reward.ravel()} <= possible
+    assert about["net"] == str(small_net)
+
+
+def test_what_can_be_wrong(small_net, tmp_path):
+    plan = settings(small_net, rounds=1)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").touch()
+    with pytest.raises(UserError, match="it is there already"):
+        QTraining(plan, tmp_path / "full")
+    QTraining(plan, tmp_path / "t").run(1)
+    with pytest.raises(UserError, match="was begun with"):
+        QTraining(settings(small_net, rounds=1, discount=0.5), tmp_path / "t", resume=True)
+    with pytest.raises(ValueError, match="need data"):
+        settings(small_net, before=3)
+    assert RunSettings().steps == 240

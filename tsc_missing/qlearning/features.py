@@ -1,0 +1,99 @@
+"""What a Q-network sees of a slot: the one place of its features and their scales."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tsc_missing.controllers.advanced_max_pressure import share_in_reach
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.sensing.observation import QUEUE, VEHICLES
+
+Float32Array = npt.NDArray[np.float32]
+
+VEHICLE_SCALE = 10.0  # [vehicles] that count as 1
+RED_SCALE = 20  # [decision steps] without green that count as 1, the most
+
+OWN = ("there", "green", "queue", "running", "effective_running", "red_steps", "lanes")
+BESIDE = ("downstream_queue", "downstream_running", "pressure")
+UPSTREAM = ("queue", "running", "green", "there")  # of each of the three neighbour slots
+NAMES = (*OWN, *BESIDE, *(f"upstream_{name}_{k}" for name in UPSTREAM for k in range(3)))
+N_NAMES = len(NAMES)
+
+
+def columns(*names: str) -> list[int]:
+    """The positions of features, and with ``"upstream"`` those of all neighbour slots."""
+    wanted = [
+        k
+        for name in names
+        for k, other in enumerate(NAMES)
+        if other == name or (name == "upstream" and other.startswith("upstream_"))
+    ]
+    return sorted(wanted)
+
+
+@dataclass(frozen=True)
+class SlotTables:
+    """What the features need of a network."""
+
+    there: BoolArray  # (N, 12)
+    lanes: IntArray  # (N, 12)
+    in_reach: FloatArray  # (N, 12)
+    upstream: IntArray  # (N, 12, 3) flat slots, -1 for none
+    downstream: IntArray  # (N, 12, D) flat slots, -1 for none
+    exit_lanes: IntArray  # (N, 12)
+
+    @classmethod
+    def of(cls, network: Network, interval: float) -> "SlotTables":
+        """``interval`` [s] between decisions."""
+        return cls(
+            there=network.slot_mask,
+            lanes=network.slot_lane_count,
+            in_reach=share_in_reach(network, interval),
+            upstream=network.neighbours,
+            downstream=network.downstream,
+            exit_lanes=network.exit_lane_count,
+        )
+
+
+def slot_features(
+    tables: SlotTables, values: npt.NDArray[np.floating[Any]], red_steps: IntArray
+) -> Float32Array:
+    """(…, N, 12, N_NAMES) of values (…, N, 12, F) [vehicles] and ``red_steps`` (…, N, 12).
+
+    ``pressure`` is the efficient pressure: mean queue a lane here minus that of the exit lanes.
+    """
+    queue = values[..., QUEUE]
+    running = np.maximum(values[..., VEHICLES] - queue, 0.0)
+    green = (red_steps == 0).astype(float)
+    lanes = np.maximum(tables.lanes, 1)
+    exits = np.maximum(tables.exit_lanes, 1)
+    down_queue = _flat(queue, tables.downstream).sum(axis=-1) / exits
+    down_running = _flat(running, tables.downstream).sum(axis=-1) / exits
+    there = np.broadcast_to(tables.there, queue.shape).astype(float)
+    single = (
+        there,
+        green,
+        queue / VEHICLE_SCALE,
+        running / VEHICLE_SCALE,
+        running * tables.in_reach / VEHICLE_SCALE,
+        np.minimum(red_steps, RED_SCALE) / RED_SCALE,
+        np.broadcast_to(tables.lanes, queue.shape) / 2.0,
+        down_queue / VEHICLE_SCALE,
+        down_running / VEHICLE_SCALE,
+        (queue / lanes - down_queue) / VEHICLE_SCALE,
+    )
+    above = [
+        _flat(queue, tables.upstream) / VEHICLE_SCALE,
+        _flat(running, tables.upstream) / VEHICLE_SCALE,
+        _flat(green, tables.upstream),
+        _flat(there, tables.upstream),
+    ]
+    return np.concatenate((np.stack(single, axis=-1), *above), axis=-1).astype(np.float32)
+
+
+def _flat(x: npt.NDArray[np.floating[Any]], table: IntArray) -> npt.NDArray[np.floating[Any]]:
+    """(…, N, 12, D): ``x`` (…, N, 12) at the flat slots of the table, 0 where there is none."""
+    found = x.reshape(*x.shape[:-2], -1)[..., np.maximum(table, 0)]
+    return np.where(table >= 0, found, 0.0)
