@@ -90,7 +90,7 @@ class DiffusionSettings(Settings):
 
     weights: str = "universal"  # a name of packaged weights, or a path
     sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
-    scoring: Literal["inverse", "queue", "mixed"] = "inverse"  # controller difflight only
+    scoring: Literal["inverse", "queue", "mixed", "value"] = "inverse"  # controller difflight only
 
 
 class RunSettings(Settings):
@@ -103,6 +103,7 @@ class RunSettings(Settings):
     imputer: str = "sfm-4"
     blind: Literal["auto", "none", "fixed-time"] = "auto"  # auto: none with imputer diffusion
     diffusion: DiffusionSettings = DiffusionSettings()
+    q_weights: str = "auto"  # of a Q-network, a name or a path; auto: those of the controller
     missing: MissingSettings = MissingSettings()
     signals: SignalSettings = SignalSettings()
     sensor: SensorSettings = SensorSettings()

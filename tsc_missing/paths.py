@@ -16,3 +16,8 @@ def bundled(name: str) -> Path:
 def user_networks() -> Path:
     """The folder of imported networks in the user's data folder."""
     return Path(platformdirs.user_data_dir("tsc-missing")) / "networks"
+
+
+def bundled_trainings() -> list[str]:
+    """The names of the training configs that come with the package."""
+    return sorted(path.stem for path in (bundled("scenarios") / "training").glob("*.toml"))

@@ -119,3 +119,66 @@ def test_training_without_data(command):
     assert done.returncode == 2
     assert done.stderr.startswith("error: data: data is not allowed; there is no such folder")
     assert list(command.cwd.iterdir()) == [command.cwd / "c.toml"]
+
+
+Q_CONFIG = """
+algorithm = "{algorithm}"
+nets = ["{net}"]
+demand = "recorded"
+volume_min = 1
+volume_max = 1
+horizon = 150
+rounds = 2
+episodes = 1
+updates = 3
+batch = 12
+width = 8
+"""
+
+
+@pytest.mark.parametrize("algorithm", ["attendlight", "efficient-colight", "value"])
+def test_learn_and_run(command, small_net, algorithm):
+    (command.cwd / "q.toml").write_text(Q_CONFIG.format(algorithm=algorithm, net=small_net))
+    done = command("train", "q.toml", "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    weights = command.cwd / "runs" / "train-q" / "weights.safetensors"
+    assert done.stdout.split() == [str(weights.relative_to(command.cwd))]
+    again = command("train", "q.toml")
+    assert again.returncode == 2
+    assert "--resume goes on" in again.stderr
+    changed = command("train", "q.toml", "--resume", "--seed", 1)
+    assert changed.returncode == 2
+    assert "begun with 0" in changed.stderr
+    if algorithm == "value":
+        return
+    run = ("--net", small_net, "--horizon", 150, "--missing", "random", "--rate", 0.3, "--json")
+    done = command("run", *run, "--controller", algorithm, "--q-weights", weights)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)["result"]
+    assert result["fallbacks"] == 0
+    assert result["imputation_mae"] > 0
+    other = "advanced-colight"
+    done = command("run", *run, "--controller", other, "--q-weights", weights)
+    assert done.returncode == 2
+    assert f"they are of {algorithm}, not of {other}" in done.stderr
+    done = command("run", *run, "--controller", "difflight", "--weights", weights)
+    assert done.returncode == 2
+    assert "weights of kind q-network, not difflight" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "config"),
+        (("--algorithm", "advanced-colite"), "did you mean advanced-colight?"),
+        (("universal", "--algorithm", "value"), "give one of them"),
+        (("value", "--steps", 3), "at steps"),
+        (("value", "--data", "nothing"), "nothing"),
+    ],
+)
+def test_bad_trainings(command, options, words):
+    done = command("train", *options)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (command.cwd / "runs").exists()

@@ -6,6 +6,8 @@ import pytest
 
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
+import torch
+
 from tests.controllers.helpers import cross_and_tee
 from tests.controllers.planning import (
     STEPS,
@@ -22,15 +24,35 @@ from tsc_missing.controllers.difflight import DiffLight, best_finite
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.errors import UserError
+from tsc_missing.qlearning.networks import PhaseValue
+from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.weights import find
 
-SCORINGS = pytest.mark.parametrize("scoring", ["inverse", "queue", "mixed"])
+SCORINGS = pytest.mark.parametrize("scoring", ["inverse", "queue", "mixed", "value"])
 GRID = grid_network(2, 3)
 
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
     return save_tiny(tmp_path_factory.mktemp("weights") / find.FILE)
+
+
+@pytest.fixture(scope="module")
+def values(tmp_path_factory):
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("values") / find.FILE
+    save_q_network(PhaseValue(8), "value", 8, path, {})
+    return path
+
+
+@pytest.fixture
+def make(weights, values):
+    """DiffLight by its scoring."""
+
+    def made(scoring, steps, diffusion=weights):
+        return DiffLight(diffusion, steps, scoring, values if scoring == "value" else None)
+
+    return made
 
 
 @pytest.fixture
@@ -49,14 +71,14 @@ def run(controller, network, seed=0, poison=None):
 
 
 @SCORINGS
-def test_it_conforms(weights, scoring):
-    check_controller(lambda: DiffLight(weights, 1, scoring), cross_and_tee())
+def test_it_conforms(make, scoring):
+    check_controller(lambda: make(scoring, 1), cross_and_tee())
 
 
 @SCORINGS
 @pytest.mark.parametrize("network", [GRID, tee_network(), grid_network(1, 1)])
-def test_phases_are_those_of_the_network_and_all_is_filled(weights, scoring, network):
-    phases, estimates = run(DiffLight(weights, 2, scoring), network)
+def test_phases_are_those_of_the_network_and_all_is_filled(make, scoring, network):
+    phases, estimates = run(make(scoring, 2), network)
     assert network.phase_mask[np.arange(network.n), phases].all()
     assert np.isfinite(estimates).all()
     assert (estimates >= 0).all()
@@ -86,9 +108,9 @@ def test_the_same_seed_decides_the_same_after_reset_and_another_otherwise(contro
 
 
 @SCORINGS
-def test_permuting_intersections_permutes_the_decisions(weights, scoring):
+def test_permuting_intersections_permutes_the_decisions(make, scoring):
     order = np.array([2, 5, 0, 1, 4, 3])
-    plain, other = (DiffLight(weights, 3, scoring) for _ in range(2))
+    plain, other = (make(scoring, 3) for _ in range(2))
     plain.reset(context_for(GRID))
     other.reset(context_for(reordered(GRID, order)))
     reorder_noise(other._planner, order)
@@ -118,6 +140,7 @@ def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):
     runs = {}
     for scoring in ("inverse", "queue", "mixed"):
         controller = DiffLight(weights, 2, scoring)
+        controller._planner._guided = True  # the present that "queue" sees is else not guided
         controller.reset(context)
         runs[scoring] = np.array([controller.decide(o) for o in observations(GRID)])
     blind = np.arange(GRID.n) == 1
@@ -127,8 +150,8 @@ def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):
 
 
 @SCORINGS
-def test_a_broken_model_is_answered_for_and_counted(tmp_path, scoring):
-    safe = Safe(DiffLight(save_broken(tmp_path / "broken"), 2, scoring), deadline_s=60)
+def test_a_broken_model_is_answered_for_and_counted(tmp_path, make, scoring):
+    safe = Safe(make(scoring, 2, save_broken(tmp_path / "broken")), deadline_s=60)
     phases, _ = run(safe, GRID)
     assert GRID.phase_mask[np.arange(GRID.n), phases].all()
     assert safe.fallback_steps == STEPS * GRID.n
@@ -201,7 +224,7 @@ class TestFindWeights:
         monkeypatch.chdir(tmp_path)
         with pytest.raises(UserError, match="allowed: strict, universal, or the path") as caught:
             find.find_weights(name)
-        assert "tsc-train scenarios/training/universal.toml" in str(caught.value)
+        assert "`tsc-train universal` makes some" in str(caught.value)
         assert ("did you mean universal?" in str(caught.value)) == (name == "univers")
 
     def test_none_at_all(self, tmp_path, monkeypatch):

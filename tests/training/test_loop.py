@@ -14,6 +14,7 @@ from tests.networks import grid_network
 from tests.offline.cases import made_up_dataset
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
+from tsc_missing.paths import bundled_trainings
 from tsc_missing.training import checkpoint
 from tsc_missing.training.config import TrainingSettings, read_training
 from tsc_missing.training.loop import DivergedError, StoppedError, Training, learning_rate
@@ -163,9 +164,15 @@ def test_bad_configs(tmp_path, text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_the_bundled_training_is_valid():
-    settings = read_training("universal")
-    assert settings.batch == 1024
-    assert sum(settings.masks.shares) == pytest.approx(1)
+@pytest.mark.parametrize("name", bundled_trainings())
+def test_the_bundled_trainings_are_valid(name):
+    settings = read_training(name)
+    if isinstance(settings, TrainingSettings):
+        assert sum(settings.masks.shares) == pytest.approx(1)
+    else:
+        assert settings.algorithm == name
+
+
+def test_a_config_that_is_not_there():
     with pytest.raises(UserError, match="cannot be read"):
         read_training("nothing")

@@ -48,8 +48,12 @@ def run(
         int, typer.Option(help="Diffusion: reverse steps a decision.")
     ] = DEFAULT.diffusion.sampling_steps,
     scoring: Annotated[
-        str, typer.Option(help="difflight: what scores the phases: inverse, queue or mixed.")
+        str, typer.Option(help="difflight: what scores phases: inverse, queue, mixed or value.")
     ] = DEFAULT.diffusion.scoring,
+    q_weights: Annotated[
+        str,
+        typer.Option(help="attendlight, …-colight, scoring value: weights, a name or a path."),
+    ] = DEFAULT.q_weights,
     missing: Annotated[
         str, typer.Option(help="none, random, kriging, lane, burst or mixed.")
     ] = DEFAULT.missing.pattern,
@@ -101,6 +105,7 @@ def run(
         imputer=imputer,
         blind=blind,
         diffusion={"weights": weights, "sampling_steps": sampling_steps, "scoring": scoring},
+        q_weights=q_weights,
         missing={
             "pattern": missing,
             "rate": missing_rate(missing, rate, needed=mask is None),

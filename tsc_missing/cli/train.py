@@ -1,25 +1,34 @@
 """``tsc-train``: a dataset to weights."""
 
-import importlib.util
-import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from tsc_missing.cli.common import FAILED, INTERRUPTED, make_app, messages, run_app
-from tsc_missing.errors import UserError
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.paths import bundled_trainings
 
-app = make_app("Train the diffusion controller on an offline dataset.")
+if TYPE_CHECKING:  # torch takes seconds
+    from tsc_missing.qlearning.config import QLearningSettings
+    from tsc_missing.training.config import TrainingSettings
+
+app = make_app("Train the diffusion controller on logs, or a Q-network in the closed loop.")
 
 
 @app.command()
 def train(
-    config: Annotated[str, typer.Argument(help="A TOML file, or a bundled one: universal.")],
+    config: Annotated[
+        str | None,
+        typer.Argument(help="A TOML file, or a bundled one by its name: universal, value, …"),
+    ] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help="The bundled config of this name, instead of CONFIG.")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a training that was stopped.")
     ] = False,
@@ -30,40 +39,87 @@ def train(
     data: Annotated[
         Path | None, typer.Option(help="The dataset's folder, instead of the config's.")
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Steps, instead of the config's.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="Diffusion: steps, instead of the config's.")
+    ] = None,
+    rounds: Annotated[
+        int | None, typer.Option(help="Q-learning: rounds, instead of the config's.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the config's.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Q-learning: simulations at a time.")] = 2,
 ) -> None:
-    """Train the diffusion controller; Ctrl-C saves, and --resume goes on."""
-    _check_torch()
-    # Waiting threads that spin make a step several times slower where a core is shared.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    """Train the diffusion controller or a Q-network; Ctrl-C saves, and --resume goes on."""
+    from tsc_missing.qlearning.config import QLearningSettings
+    from tsc_missing.training.config import find_config, read_training
+
+    name = _config(config, algorithm)
+    folder = out if out is not None else Path("runs") / f"train-{find_config(name).stem}"
+    changes = {"data": data, "steps": steps, "rounds": rounds, "seed": seed}
+    settings = read_training(name, **{k: v for k, v in changes.items() if v is not None})
+    if isinstance(settings, QLearningSettings):
+        print(_learn(settings, folder, resume, workers))
+    else:
+        print(_fit(settings, folder, resume))
+
+
+def _config(config: str | None, algorithm: str | None) -> str:
+    if algorithm is not None and algorithm not in bundled_trainings():
+        raise UserError("--algorithm", algorithm, nearest(algorithm, bundled_trainings()))
+    if config is not None and algorithm is not None:
+        raise UserError("--algorithm", algorithm, "CONFIG says it already: give one of them")
+    name = config or algorithm
+    if name is None:
+        raise UserError("config", "nothing", f"a file, or of {', '.join(bundled_trainings())}")
+    return name
+
+
+def _fit(settings: "TrainingSettings", folder: Path, resume: bool) -> Path:
+    """Train the diffusion model."""
     from tsc_missing.diffusion.memory import keep_freed_memory
     from tsc_missing.offline.dataset import read_dataset
-    from tsc_missing.training.config import find_config, read_training
     from tsc_missing.training.loop import DivergedError, StoppedError, Training
 
-    changes = {"data": data, "steps": steps, "seed": seed}
-    settings = read_training(config, **{k: v for k, v in changes.items() if v is not None})
-    folder = out if out is not None else Path("runs") / f"train-{find_config(config).stem}"
     keep_freed_memory()
     training = Training(settings, read_dataset(settings.data), folder, resume)
     try:
-        weights = _watched(training)
+        with _progress(settings.steps, training.step, "step") as (show, stop):
+            return training.run(
+                lambda now: show(
+                    now.step,
+                    f"loss {now.loss:.4f}, phases {now.inverse_accuracy:.0%}, "
+                    f"{now.windows_per_second:.0f} windows/s",
+                ),
+                stop,
+            )
     except StoppedError as stopped:
-        messages.print(
-            f"interrupted; saved at step {stopped.step} in {folder}, --resume goes on", markup=False
-        )
-        raise SystemExit(INTERRUPTED) from None
+        _interrupted(f"step {stopped.step}", folder)
     except DivergedError as error:
         messages.print(f"error: {error}", markup=False)
         raise SystemExit(FAILED) from None
-    print(weights)
 
 
-def _check_torch() -> None:
-    for name in ("torch", "safetensors"):
-        if importlib.util.find_spec(name) is None:
-            raise UserError(name, "nothing", "tsc-train needs it: pip install torch safetensors")
+def _learn(settings: "QLearningSettings", folder: Path, resume: bool, workers: int) -> Path:
+    """Train a Q-network."""
+    import torch
+
+    from tsc_missing.qlearning.online import QTraining
+
+    torch.set_num_threads(1)
+    training = QTraining(settings, folder, resume)
+    with _progress(settings.rounds, training.round, "round") as (show, stop):
+        weights = training.run(
+            workers,
+            lambda now: show(now.round, f"loss {now.loss:.4f}, {now.vehicles:.0f} vehicles"),
+            stop,
+        )
+    if weights is None:
+        _interrupted(f"round {training.round}", folder)
+    return weights
+
+
+def _interrupted(at: str, folder: Path) -> NoReturn:
+    messages.print(f"interrupted; saved at {at} in {folder}, --resume goes on", markup=False)
+    raise SystemExit(INTERRUPTED) from None
 
 
 @contextmanager
@@ -84,14 +140,16 @@ def _asked_to_stop() -> Iterator[list[bool]]:
             signal.signal(number, handler)
 
 
-def _watched(training: Any) -> Path:
-    """Train with a progress bar on the error stream, where that is a terminal."""
+Show = Callable[[int, str], None]
+
+
+@contextmanager
+def _progress(total: int, done: int, unit: str) -> Iterator[tuple[Show, Callable[[], bool]]]:
+    """A progress bar on the error stream, where that is a terminal, and who says when to stop."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from tsc_missing.training.loop import Seen
-
     columns = (
-        TextColumn("step {task.completed:.0f}/{task.total:.0f}"),
+        TextColumn(unit + " {task.completed:.0f}/{task.total:.0f}"),
         BarColumn(),
         TextColumn("{task.fields[state]}"),
         TimeRemainingColumn(elapsed_when_finished=True),
@@ -101,19 +159,12 @@ def _watched(training: Any) -> Path:
         _asked_to_stop() as asked,
         Progress(*columns, console=messages, transient=True, disable=quiet) as bar,
     ):
-        task = bar.add_task(
-            "", total=training.settings.steps, completed=training.step, state="loading"
-        )
+        task = bar.add_task("", total=total, completed=done, state="loading")
 
-        def watch(now: Seen) -> None:
-            state = (
-                f"loss {now.loss:.4f}, phases {now.inverse_accuracy:.0%}, "
-                f"{now.windows_per_second:.0f} windows/s"
-            )
-            bar.update(task, completed=now.step, state=state)
+        def show(completed: int, state: str) -> None:
+            bar.update(task, completed=completed, state=state)
 
-        weights: Path = training.run(watch, lambda: bool(asked))
-        return weights
+        yield show, lambda: bool(asked)
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -9,20 +10,21 @@ import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
-from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
 from tsc_missing.sensing.observation import QUEUE, Observation
 
 if TYPE_CHECKING:  # torch takes seconds and 200 MB: only runs that use it import it
     from tsc_missing.controllers.planner import Planned, Planner
+    from tsc_missing.qlearning.controller import PhaseValues
 
-Scoring = Literal["inverse", "queue", "mixed"]
+Scoring = Literal["inverse", "queue", "mixed", "value"]
 """How phases are scored on a plan.
 
 ``inverse``: by the inverse dynamics from the present to the planned next step (the paper).
 ``queue``: by the queues of the present, imputed where not observed (max-queue).
 ``mixed``: as ``inverse`` where the intersection has a sensor, so that the reward guides its plan;
 as ``queue`` where it has none.
+``value``: by a Q-network on the present, imputed where not observed.
 """
 
 NO_PHASE = -1  # the answer where the model gave no number
@@ -35,14 +37,21 @@ class DiffLight(Controller):
     """
 
     def __init__(
-        self, weights: Path, sampling_steps: int = 10, scoring: Scoring = "inverse"
+        self,
+        weights: Path,
+        sampling_steps: int = 10,
+        scoring: Scoring = "inverse",
+        q_weights: Path | None = None,
     ) -> None:
         """Load the weights; ``sampling_steps`` reverse steps a decision.
 
-        Raises ``UserError`` for weights that cannot be used.
+        ``q_weights`` are those of the Q-network for the scoring "value". Raises ``UserError`` for
+        weights that cannot be used.
         """
-        self._planner = load_planner(weights, sampling_steps, guided=True)
+        guided = scoring in ("inverse", "mixed")  # else the present is wanted as it is believed
+        self._planner = load_planner(weights, sampling_steps, guided)
         self._scoring = scoring
+        self._q = None if q_weights is None else load_q(q_weights)
         self._planned: Planned | None = None
 
     def reset(self, context: ControlContext) -> None:
@@ -51,12 +60,14 @@ class DiffLight(Controller):
         self._network = context.network
         self._by_inverse = self._where_inverse(context)
         self._planner.reset(context)
+        if self._q is not None:
+            self._values = self._q(context)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the phase with the highest score; ties go to the lowest phase."""
         self._planned = None
         self._planned = self._planner.plan(observation)
-        return best_finite(self._scores(self._planned))
+        return best_finite(self._scores(self._planned, observation.red_steps))
 
     def estimates(self) -> FloatArray | None:
         """(N, 12, F) [vehicles]: the present of the last decision, without holes."""
@@ -72,8 +83,10 @@ class DiffLight(Controller):
             return np.asarray((context.sensors & context.network.slot_mask).any(axis=1))
         return np.full(context.network.n, self._scoring == "inverse")
 
-    def _scores(self, planned: Planned) -> FloatArray:
+    def _scores(self, planned: Planned, red_steps: IntArray) -> FloatArray:
         """(N, P), -inf without the phase."""
+        if self._q is not None:
+            return self._values.of(planned.present, red_steps)
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
 
@@ -88,12 +101,17 @@ def best_finite(scores: FloatArray) -> IntArray:
 def load_planner(weights: Path, sampling_steps: int, guided: bool) -> Planner:
     """The model of a weights file, ready to plan; imports torch.
 
-    Raises ``UserError`` for weights that cannot be used, and where torch is not installed.
+    Raises ``UserError`` for weights that cannot be used.
     """
-    try:
-        from tsc_missing.controllers.planner import Planner
-    except ModuleNotFoundError as error:
-        raise UserError(
-            "weights", weights, f"{error.name} is missing: pip install 'tsc-missing[diffusion]'"
-        ) from error
+    from tsc_missing.controllers.planner import Planner
+
     return Planner(weights, sampling_steps, guided)
+
+
+def load_q(weights: Path) -> Callable[[ControlContext], PhaseValues]:
+    """What makes the values of a run from its context; imports torch."""
+    from tsc_missing.qlearning.controller import PhaseValues
+    from tsc_missing.qlearning.weights import load_q_network
+
+    network, _ = load_q_network(weights)
+    return lambda context: PhaseValues(network, context)

@@ -43,7 +43,10 @@ CONTROLLERS: dict[str, Entry] = {
     "random": Entry(RandomPhases, needs_values=False),
 }
 
-DIFFLIGHT = "difflight"  # apart from the others: it needs weights
+# Apart from the others, because they need weights:
+DIFFLIGHT = "difflight"
+LEARNED = ("advanced-colight", "attendlight", "efficient-colight")
+VALUE = "value"  # the Q-network of the scoring of that name
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
@@ -52,7 +55,11 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
 
 
 def make_controller(
-    name: str, imputer: str, blind: str, diffusion: DiffusionSettings | None = None
+    name: str,
+    imputer: str,
+    blind: str,
+    diffusion: DiffusionSettings | None = None,
+    q_weights: str = "auto",
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
@@ -61,15 +68,37 @@ def make_controller(
     for weights that cannot be used.
     """
     if name == DIFFLIGHT:
-        settings = diffusion or DiffusionSettings()
-        return DiffLight(find_weights(settings.weights), settings.sampling_steps, settings.scoring)
-    if name not in CONTROLLERS:
-        raise UserError("controller", name, nearest(name, [*CONTROLLERS, DIFFLIGHT, *NATIVE]))
+        return _difflight(diffusion or DiffusionSettings(), q_weights)
+    if name not in CONTROLLERS and name not in LEARNED:
+        known = [*CONTROLLERS, *LEARNED, DIFFLIGHT, *NATIVE]
+        raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
         blind = "none" if imputer == DIFFUSION else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
-    entry = CONTROLLERS[name]
+    entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)
     if not entry.needs_values:
         return entry.make()
     return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
+
+
+def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
+    by_value = settings.scoring == "value"
+    return DiffLight(
+        find_weights(settings.weights),
+        settings.sampling_steps,
+        settings.scoring,
+        find_weights(VALUE if q_weights == "auto" else q_weights) if by_value else None,
+    )
+
+
+def _learned(name: str, q_weights: str) -> Controller:
+    """A Q-network as a controller of its own; imports torch."""
+    from tsc_missing.qlearning.controller import QPolicy
+    from tsc_missing.qlearning.weights import load_q_network
+
+    path = find_weights(name if q_weights == "auto" else q_weights)
+    network, manifest = load_q_network(path)
+    if manifest["algorithm"] != name:
+        raise UserError("q_weights", path, f"they are of {manifest['algorithm']}, not of {name}")
+    return QPolicy(network, name)

@@ -56,7 +56,11 @@ def _controller(settings: RunSettings, scenario: Scenario) -> Controller | Nativ
     if settings.controller in NATIVE:
         return NativeProgram(settings.controller, scenario.folder.network)
     controller = make_controller(
-        settings.controller, settings.imputer, settings.blind, settings.diffusion
+        settings.controller,
+        settings.imputer,
+        settings.blind,
+        settings.diffusion,
+        settings.q_weights,
     )
     return Safe(controller, float(settings.signals.decision_interval))
 

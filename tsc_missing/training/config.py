@@ -12,6 +12,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.files import first_problem
 from tsc_missing.offline.window_masks import MaskMix
 from tsc_missing.paths import bundled
+from tsc_missing.qlearning.config import QLearningSettings
 
 FIELD = "config"
 
@@ -45,10 +46,11 @@ RESUMABLE = frozenset({"data", "log_steps", "checkpoint_seconds"})
 """Settings that may differ where a training is gone on with: they do not change the weights."""
 
 
-def read_training(config: str, **changes: Any) -> TrainingSettings:
+def read_training(config: str, **changes: Any) -> TrainingSettings | QLearningSettings:
     """The settings of a TOML file, or of a bundled one by its name, with ``changes`` put in.
 
-    Raises ``UserError`` for a file that is not there, no TOML, or has something unknown.
+    A file that names an ``algorithm`` is one of Q-learning. Raises ``UserError`` for a file that
+    is not there, no TOML, or has something unknown.
     """
     path = find_config(config)
     try:
@@ -57,8 +59,9 @@ def read_training(config: str, **changes: Any) -> TrainingSettings:
         raise UserError(FIELD, path, f"the file cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(FIELD, path, f"not valid TOML: {error}") from None
+    kind = QLearningSettings if "algorithm" in values else TrainingSettings
     try:
-        return TrainingSettings.model_validate({**values, **changes})
+        return kind.model_validate({**values, **changes})
     except ValidationError as error:
         raise UserError(FIELD, path, first_problem(error)) from None
 

@@ -3,11 +3,12 @@
 from pathlib import Path
 
 from tsc_missing.errors import UserError, nearest
+from tsc_missing.paths import bundled_trainings
 
 FOLDER = Path(__file__).resolve().parent
 FILE = "weights.safetensors"
 FIELD = "weights"
-MAKING = "`tsc-train scenarios/training/universal.toml` makes weights"
+DEFAULT = "universal"
 
 
 def packaged_weights() -> list[str]:
@@ -30,7 +31,8 @@ def find_weights(name: str) -> Path:
     allowed = "allowed: the path of a file, as none come with this installation"
     if packaged:
         allowed = f"{nearest(name, packaged)}, or the path of a file"
-    raise UserError(FIELD, name or "nothing", f"{allowed}; {MAKING}")
+    training = name if name in bundled_trainings() else DEFAULT
+    raise UserError(FIELD, name or "nothing", f"{allowed}; `tsc-train {training}` makes some")
 
 
 def _is_file(path: Path) -> bool:
