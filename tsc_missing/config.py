@@ -101,7 +101,9 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
     controller: str = "max-queue"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time"] = "auto"  # auto: none with imputer diffusion
+    blind: Literal["auto", "none", "fixed-time", "expected-queue"] = (
+        "auto"  # auto: none with imputer diffusion
+    )
     diffusion: DiffusionSettings = DiffusionSettings()
     q_weights: str = "auto"  # of a Q-network, a name or a path; auto: those of the controller
     missing: MissingSettings = MissingSettings()

@@ -12,6 +12,7 @@ from tests.networks import grid_network, tee_network
 from tests.offline.cases import made_up_dataset
 from tsc_missing.errors import UserError
 from tsc_missing.offline.dataset import EPISODES, MANIFEST, read_dataset
+from tsc_missing.offline.policies import unaware_set
 from tsc_missing.offline.pool import EpisodePool
 from tsc_missing.offline.window_masks import MaskMix, draw_masks
 from tsc_missing.offline.windows import Draw, WindowSampler
@@ -141,6 +142,26 @@ def test_pool_is_bounded_and_meets_every_episode(dataset):
         assert len(set(pool.episode)) <= 2
         met |= set(pool.episode.tolist())
     assert met == set(range(5))
+
+
+def test_blind_windows_are_where_the_policy_was_blind_too(dataset):
+    made = sampler(dataset)
+    made.sample(0, 4)
+    rng = np.random.default_rng(0)
+    draw, hidden = made.draw(300, rng), rng.random(300) < 0.5
+    moved = made._where_blind(draw, hidden, rng)
+    assert (moved.place == draw.place).all()
+    assert (moved.start == draw.start).all()
+    unaware = [made._pool.unaware[place] for place in draw.place]
+    for k, some in enumerate(unaware):
+        if hidden[k] and len(some):
+            assert moved.intersection[k] in some
+        else:
+            assert moved.intersection[k] == draw.intersection[k]
+    for place, some in enumerate(made._pool.unaware):
+        spec = dataset.manifest.episodes[made._pool.episode[place]].spec
+        told = unaware_set(spec.unaware, spec.seed, dataset.networks[spec.net].n)
+        assert told[some].all()
 
 
 def test_no_future_is_told_by_sensors(dataset):

@@ -49,6 +49,9 @@ def collect(
     switch: Annotated[
         float, typer.Option(help="Share of episodes that two policies decide in turn.")
     ] = DEFAULT.switch,
+    unaware: Annotated[
+        float, typer.Option(help="Largest share of intersections whose policy sees nothing.")
+    ] = DEFAULT.unaware,
     missing: Annotated[
         str, typer.Option(help="Holes of the log: none, random, kriging, lane, burst or mixed.")
     ] = DEFAULT.missing.pattern,
@@ -69,6 +72,7 @@ def collect(
         epsilon_min=epsilon_min,
         epsilon_max=epsilon_max,
         switch=switch,
+        unaware=unaware,
         missing={"pattern": missing, "rate": rate},
         horizon=horizon,
         episodes=episodes,

@@ -8,6 +8,7 @@ from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.difflight import DiffLight
+from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
 from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
@@ -35,6 +36,7 @@ class Entry:
 
 CONTROLLERS: dict[str, Entry] = {
     "advanced-max-pressure": Entry(AdvancedMaxPressure, needs_values=True),
+    "expected-queue": Entry(ExpectedQueue, needs_values=False),
     "fixed-time": Entry(FixedTime, needs_values=False),
     "fixed-time-15": Entry(lambda: PlainCycle(15.0), needs_values=False),
     "fixed-time-30": Entry(lambda: PlainCycle(30.0), needs_values=False),
@@ -50,6 +52,7 @@ VALUE = "value"  # the Q-network of the scoring of that name
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
+    "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
 }
 
@@ -80,6 +83,13 @@ def make_controller(
     if not entry.needs_values:
         return entry.make()
     return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
+
+
+def make_policy(name: str) -> Controller:
+    """The controller ``name`` for complete observations; the learned ones have packaged weights."""
+    if name in LEARNED or name == VALUE:
+        return _learned(name, "auto")
+    return CONTROLLERS[name].make()
 
 
 def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:

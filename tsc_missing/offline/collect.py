@@ -31,7 +31,7 @@ from tsc_missing.offline.dataset import (
 )
 from tsc_missing.offline.log import EpisodeLog, log_of, read_log, write_log
 from tsc_missing.offline.plan import CollectSettings, EpisodeSpec, draw_spec
-from tsc_missing.offline.policies import make_policy
+from tsc_missing.offline.policies import Unaware, make_policy, unaware_set
 from tsc_missing.processes import worker_processes
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
@@ -86,6 +86,7 @@ def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
     everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
     scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), everything)
     policy = make_policy(spec.policies, spec.switch_at, spec.epsilon)
+    policy = Unaware(policy, unaware_set(spec.unaware, spec.seed, network.n), spec.seed)
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         trace = run_closed_loop(scene, settings, policy, Path(folder))
     mask = None

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from tsc_missing.config import MissingSettings, RunSettings, Settings
 from tsc_missing.errors import UserError, nearest
-from tsc_missing.offline.policies import POLICIES
+from tsc_missing.offline.policies import POLICIES, RULES
 from tsc_missing.seeding import stream
 
 
@@ -18,10 +18,11 @@ class CollectSettings(Settings):
     demand: Literal["auto", "profile", "recorded"] = "profile"
     volume_min: float = Field(0.6, gt=0, le=10)  # times the profile's arrivals,
     volume_max: float = Field(1.4, gt=0, le=10)  # drawn for each episode
-    policies: tuple[str, ...] = Field(tuple(sorted(POLICIES)), min_length=1)
+    policies: tuple[str, ...] = Field(RULES, min_length=1)
     epsilon_min: float = Field(0.0, ge=0, le=1)  # share of random decisions,
     epsilon_max: float = Field(0.2, ge=0, le=1)  # drawn for each episode
     switch: float = Field(0.25, ge=0, le=1)  # share of episodes with two policies in turn
+    unaware: float = Field(0.6, ge=0, le=1)  # most of the intersections that see nothing
     missing: MissingSettings = MissingSettings()  # holes of the log; policies see everything
     horizon: int = Field(3600, gt=0)  # [s] of an episode
     episodes: int = Field(60, ge=1)
@@ -52,6 +53,7 @@ class EpisodeSpec(Settings):
     policies: tuple[str, ...]  # in turn
     switch_at: int | None  # [decision steps] where the second policy takes over
     epsilon: float
+    unaware: float  # share of the intersections whose policy sees nothing
     missing: MissingSettings
     mask_seed: int
     horizon: int  # [s]
@@ -83,6 +85,7 @@ def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
     volume = _uniform(rng, settings.volume_min, settings.volume_max)
     epsilon = _uniform(rng, settings.epsilon_min, settings.epsilon_max)
     chosen = rng.permutation(len(settings.policies))[: 1 + int(rng.random() < settings.switch)]
+    unaware = _uniform(rng, 0.0, settings.unaware)
     steps = RunSettings(horizon=settings.horizon).steps
     seed, mask_seed = (int(rng.integers(2**31)) for _ in range(2))
     if settings.missing.pattern == "kriging":
@@ -95,6 +98,7 @@ def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
         policies=tuple(settings.policies[k] for k in chosen),
         switch_at=int(steps * rng.uniform(0.25, 0.75)) if len(chosen) > 1 else None,
         epsilon=epsilon,
+        unaware=unaware,
         missing=settings.missing,
         mask_seed=mask_seed,
         horizon=settings.horizon,

@@ -1,19 +1,65 @@
 """Behaviour policies: who decides while data are collected."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
-from tsc_missing.controllers.registry import CONTROLLERS
-from tsc_missing.network.model import IntArray
+from tsc_missing.controllers.expected_queue import ExpectedQueue
+from tsc_missing.controllers.fixed_time import FixedTime
+from tsc_missing.controllers.random_phases import RandomPhases
+from tsc_missing.controllers.registry import LEARNED, VALUE
+from tsc_missing.controllers.registry import make_policy as make_one
+from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import Observation
 
 RULES = ("advanced-max-pressure", "fixed-time", "max-pressure", "max-queue")
+POLICIES = (*RULES, *LEARNED, VALUE)
+"""Controllers for complete observations, by name; the learned ones have packaged weights."""
 
-POLICIES: dict[str, Callable[[], Controller]] = {name: CONTROLLERS[name].make for name in RULES}
-"""Controllers for complete observations, by name; learned ones are added here."""
+STAY = 0.6  # probability that a signal that is switched at random stays as it is
+SPREAD = 0.5  # of the logarithm of an error in the flows that an unaware policy believes
+
+
+class Unaware(Controller):
+    """Leaves some intersections to policies that see nothing of the traffic.
+
+    A policy that sees the traffic tells it by what it does: a red that lasts says that nobody
+    waits. Who learns from its log what is likely behind a hole learns that, and is deceived
+    where the signals follow what he believes. At an unaware intersection there is nothing to
+    learn from the signals but what they do to the traffic.
+
+    Each of them has, at random, expected-queue with errors in its flows, the fixed-time plan, or
+    phases at random that stay a while.
+    """
+
+    def __init__(self, controller: Controller, unaware: BoolArray, seed: int) -> None:
+        """``unaware`` (N,); ``seed`` of who has which policy, and of the random phases."""
+        self._controller = controller
+        self._unaware = unaware
+        self._seed = seed
+        self._blind = (ExpectedQueue(SPREAD), FixedTime(), RandomPhases())
+
+    def reset(self, context: ControlContext) -> None:
+        """Reset all."""
+        for controller in (self._controller, *self._blind):
+            controller.reset(context)
+        self._random = stream(self._seed, "unaware-policies")
+        self._which = self._random.integers(len(self._blind), size=context.network.n)
+
+    def decide(self, observation: Observation) -> IntArray:
+        """(N,): each intersection's own policy."""
+        phases = self._controller.decide(observation)
+        blind = [controller.decide(observation) for controller in self._blind]
+        stay = (self._random.random(len(phases)) < STAY) & (observation.phase >= 0)
+        blind[-1] = np.where(stay, observation.phase, blind[-1])
+        return np.where(self._unaware, np.choose(self._which, blind), phases).astype(np.int64)
+
+
+def unaware_set(share: float, seed: int, intersections: int) -> BoolArray:
+    """(N,): which intersections of an episode are unaware, each with probability ``share``."""
+    return np.asarray(stream(seed, "unaware").random(intersections) < share)
 
 
 class Exploring(Controller):
@@ -63,7 +109,7 @@ class InTurn(Controller):
 
 def make_policy(names: Sequence[str], switch_at: int | None, epsilon: float) -> Controller:
     """The policy ``names[0]``, or two in turn, with exploration."""
-    policy = POLICIES[names[0]]()
+    policy = make_one(names[0])
     if switch_at is not None:
-        policy = InTurn(policy, POLICIES[names[1]](), switch_at)
+        policy = InTurn(policy, make_one(names[1]), switch_at)
     return Exploring(policy, epsilon)

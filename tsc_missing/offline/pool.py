@@ -8,6 +8,7 @@ import numpy.typing as npt
 from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.policies import unaware_set
 from tsc_missing.seeding import stream
 
 VEHICLES, QUEUE, RED_STEPS, RECORDED = range(4)  # the columns of a cell
@@ -35,6 +36,7 @@ class EpisodePool:
         self.phase: npt.NDArray[np.int8] = np.zeros(self.size * self.rows, dtype=np.int8)
         self.episode: IntArray = np.zeros(self.size, dtype=np.int64)  # by place
         self.sensed: list[IntArray] = [np.zeros(0, dtype=np.int64)] * self.size
+        self.unaware: list[IntArray] = [np.zeros(0, dtype=np.int64)] * self.size  # by place
         most = max(entry.intersections for entry in entries)
         self.reports = np.zeros((self.size, most, N_SLOTS), dtype=bool)  # ever, in the episode
 
@@ -68,6 +70,10 @@ class EpisodePool:
         self.episode[place] = episode
         there = self._dataset.networks[self._dataset.manifest.episodes[episode].spec.net].slot_mask
         reports: BoolArray = np.any(log.recorded, axis=0)
+        spec = self._dataset.manifest.episodes[episode].spec
+        self.unaware[place] = np.flatnonzero(
+            unaware_set(spec.unaware, spec.seed, len(reports)) & (reports & there).any(axis=1)
+        )
         self.reports[place] = False
         self.reports[place, : len(reports)] = reports
         self.sensed[place] = np.flatnonzero((reports & there).any(axis=1))

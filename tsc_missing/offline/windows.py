@@ -1,6 +1,6 @@
 """Random windows of a dataset, as the diffusion model trains on them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -94,8 +94,10 @@ class WindowSampler:
         """The windows of a draw with masks from ``rng``."""
         pool, tables, count = self._pool, self._tables, len(draw.place)
         net = self._net[pool.episode[draw.place]]
-        index = tables.offset[net] + draw.intersection
         masks = draw_masks(self._mix, draw.intersection, rng)
+        draw = self._where_blind(draw, masks.own_blind, rng)
+        masks = replace(masks, own=draw.intersection)
+        index = tables.offset[net] + draw.intersection
         time = draw.start[:, None] + np.arange(self._length)  # (B, T)
         within = time >= 0
         rows = draw.place[:, None] * pool.rows + np.maximum(time, 0) * tables.n[net][:, None]
@@ -129,6 +131,20 @@ class WindowSampler:
             down_given=down.given,
             down_exists=down.exists,
         )
+
+    def _where_blind(self, draw: Draw, blind: BoolArray, rng: np.random.Generator) -> Draw:
+        """Move windows that see nothing to intersections whose policy saw nothing either.
+
+        Where an episode has none, the window stays where it is.
+        """
+        listed = [self._pool.unaware[place] for place in draw.place]
+        sizes = np.array([len(some) for some in listed])
+        which = (rng.random(len(sizes)) * sizes).astype(np.int64)
+        moved = [
+            some[k] if hidden and len(some) else n
+            for some, k, hidden, n in zip(listed, which, blind, draw.intersection, strict=True)
+        ]
+        return replace(draw, intersection=np.array(moved, dtype=np.int64))
 
     def _told(self, telling: "_Telling", table: IntArray) -> "_Told":
         """What the slots of ``table`` (B, …), flat and -1 for none, tell over the T steps."""
