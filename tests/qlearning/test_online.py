@@ -60,7 +60,7 @@ def test_learning_reduces_the_error(small_net, tmp_path):
     from tsc_missing.evaluation.scenario import find_scenario
 
     network = find_scenario(about["net"], "recorded").folder.network
-    replay = Replay({about["net"]: network}, "queue", 20.0, 5)
+    replay = Replay({about["net"]: network}, 0.0, 20.0, 5)
     replay.add(about["net"], log)
     torch.manual_seed(0)
     learner = Learner(plan, {about["net"]: Graph.of(network)})
@@ -69,13 +69,18 @@ def test_learning_reduces_the_error(small_net, tmp_path):
     assert np.mean(losses[-30:]) < 0.3 * np.mean(losses[:10])
 
 
-def test_rewards_are_of_the_step_after(small_net, tmp_path):
-    training = QTraining(settings(small_net, rounds=1, updates=1), tmp_path / "t")
+@pytest.mark.parametrize("weight", [0.0, 0.25, 1.0])
+def test_rewards_are_of_the_step_after(small_net, tmp_path, weight):
+    plan = settings(small_net, rounds=1, updates=1, running_weight=weight)
+    training = QTraining(plan, tmp_path / "t")
     training.run(1)
     log, about = read_log(tmp_path / "t" / EPISODES / "00000-0.parquet")
     (batch,) = training._own.sample(10_000, np.random.default_rng(0))
-    queue = log.values[..., 1].sum(axis=2)
-    possible = {(round(-float(q) / 20, 4)) for q in queue[1:].ravel()}
+    vehicles, queue = log.values.sum(axis=2)[1:].reshape(-1, 2).T
+    possible = {
+        round(-(float(q) + weight * float(v - q)) / 20, 4)
+        for v, q in zip(vehicles, queue, strict=True)
+    }
     assert {round(float(r), 4) for r in batch.reward.ravel()} <= possible
     assert about["net"] == str(small_net)
 

@@ -99,7 +99,7 @@ class QTraining:
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
         graphs = {net: Graph.of(network) for net, network in networks.items()}
         self.learner = Learner(settings, graphs)
-        how = settings.reward, settings.reward_scale
+        how = settings.running_weight, settings.reward_scale
         self._own = Replay(networks, *how, settings.memory)
         self._given = Replay(networks, *how, 10**6)
         self.round = 0

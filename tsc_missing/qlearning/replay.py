@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import Network
 from tsc_missing.offline.log import EpisodeLog
-from tsc_missing.qlearning.config import Reward
 from tsc_missing.qlearning.features import SlotTables, slot_features
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 
@@ -38,11 +38,12 @@ class Replay:
     """The latest episodes; steps of all of them are alike probable."""
 
     def __init__(
-        self, networks: Mapping[str, Network], reward: Reward, scale: float, most: int
+        self, networks: Mapping[str, Network], running_weight: float, scale: float, most: int
     ) -> None:
-        """``scale`` [vehicles] is a reward of 1; at ``most`` so many episodes are kept."""
-        self._tables = {name: SlotTables.of(network, 15.0) for name, network in networks.items()}
-        self._column = QUEUE if reward == "queue" else VEHICLES
+        """A reward of 1 is ``scale`` [vehicles]; at ``most`` so many episodes are kept."""
+        interval = SignalSettings().decision_interval
+        self._tables = {net: SlotTables.of(network, interval) for net, network in networks.items()}
+        self._running_weight = running_weight
         self._scale = scale
         self._episodes: deque[_Episode] = deque(maxlen=most)
 
@@ -53,7 +54,9 @@ class Replay:
     def add(self, net: str, log: EpisodeLog) -> None:
         """Take in an episode; the oldest leaves when there are too many."""
         features = slot_features(self._tables[net], log.values, log.red_steps)
-        reward = -log.values[1:, :, :, self._column].sum(axis=2) / self._scale
+        after = log.values[1:].sum(axis=2)  # (T - 1, N, F)
+        queue, weight = after[..., QUEUE], self._running_weight
+        reward = -(queue + weight * (after[..., VEHICLES] - queue)) / self._scale
         self._episodes.append(
             _Episode(
                 net,
