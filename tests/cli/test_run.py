@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "mask.npz"}
+FULL = Path("/dev/full")
 
 
 def run_json(command, *arguments):
@@ -51,6 +53,32 @@ def test_same_seed_same_bytes_other_seed_other_trips(command, small_net):
         run_json(command, *options, "--seed", seed, "--out", name)
     read = {n: (command.cwd / n / "trips.parquet").read_bytes() for n in "abc"}
     assert read["a"] == read["b"] != read["c"]
+
+
+@pytest.mark.parametrize("package", ["pandas", "rich"])
+def test_what_a_run_does_not_need_is_not_loaded(command, small_net, tmp_path, monkeypatch, package):
+    """Both take longer to load than all of a run's own work."""
+    (tmp_path / f"{package}.py").write_text("raise RuntimeError('loaded')")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    monkeypatch.setenv("PYTHONPATH", path.rstrip(os.pathsep))
+    run_json(command, "--net", small_net, "--horizon", 60, "--out", "a")
+    assert {file.name for file in (command.cwd / "a").iterdir()} == RUN_FILES
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs a device that is always full")
+def test_output_that_cannot_be_written_is_an_error(command, small_net):
+    arguments = ("--net", str(small_net), "--horizon", "30", "--json")
+    with FULL.open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "tsc_missing.cli.run", *arguments],
+            cwd=command.cwd,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: OSError: [Errno 28] No space left on device")
 
 
 def test_a_mask_can_be_replayed(command, small_net):

@@ -83,7 +83,9 @@ def collect(
         dataset = _watched(settings, out, workers)
     except KeyboardInterrupt:
         there = len(list((out / EPISODES).glob("[0-9]*.parquet")))
-        messages.print(f"interrupted with {there} of {episodes} episodes; the same command goes on")
+        messages().print(
+            f"interrupted with {there} of {episodes} episodes; the same command goes on"
+        )
         raise SystemExit(INTERRUPTED) from None
     _print(dataset)
 
@@ -107,8 +109,8 @@ def _watched(settings: CollectSettings, out: Path, workers: int) -> Dataset:
     from tsc_missing.offline.collect import collect as run
 
     columns = (TextColumn("episodes"), BarColumn(), MofNCompleteColumn(), Remaining())
-    quiet = not messages.is_terminal
-    with Progress(*columns, console=messages, transient=True, disable=quiet) as bar:
+    quiet = not messages().is_terminal
+    with Progress(*columns, console=messages(), transient=True, disable=quiet) as bar:
         task = bar.add_task("", total=settings.episodes)
 
         def watch(done: int, wanted: int) -> None:

@@ -19,7 +19,7 @@ def progress_bar(horizon: int) -> Iterator[closed_loop.Watch]:
         TextColumn("{task.fields[state]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=messages, transient=True) as bar:
+    with Progress(*columns, console=messages(), transient=True) as bar:
         task = bar.add_task("", total=horizon, clock="00:00:00", state="")
 
         def watch(now: closed_loop.Progress) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tsc_missing.cli.common import make_app, messages, run_app
+from tsc_missing.cli.common import make_app, run_app_and_leave
 from tsc_missing.cli.options import make_settings, missing_rate
 from tsc_missing.config import RunSettings
 from tsc_missing.evaluation.metrics import Result
@@ -150,7 +150,7 @@ def _free_folder(settings: RunSettings) -> Path:
 
 def _watched(prepared: Prepared, quiet: bool) -> Result:
     """Run it with a progress bar where there is a terminal to show it on."""
-    if quiet or not messages.is_terminal:
+    if quiet or not sys.stderr.isatty():
         return execute(prepared)
     from tsc_missing.cli.progress import progress_bar
 
@@ -166,7 +166,7 @@ def _print_result(prepared: Prepared, result: Result, folder: Path) -> None:
 
 def main() -> None:
     """The entry point of ``tsc-run``."""
-    run_app(app, "tsc-run")
+    run_app_and_leave(app, "tsc-run")
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def _fit(settings: "TrainingSettings", folder: Path, resume: bool) -> Path:
     except StoppedError as stopped:
         _interrupted(f"step {stopped.step}", folder)
     except DivergedError as error:
-        messages.print(f"error: {error}", markup=False)
+        messages().print(f"error: {error}", markup=False)
         raise SystemExit(FAILED) from None
 
 
@@ -118,7 +118,7 @@ def _learn(settings: "QLearningSettings", folder: Path, resume: bool, workers: i
 
 
 def _interrupted(at: str, folder: Path) -> NoReturn:
-    messages.print(f"interrupted; saved at {at} in {folder}, --resume goes on", markup=False)
+    messages().print(f"interrupted; saved at {at} in {folder}, --resume goes on", markup=False)
     raise SystemExit(INTERRUPTED) from None
 
 
@@ -154,10 +154,10 @@ def _progress(total: int, done: int, unit: str) -> Iterator[tuple[Show, Callable
         TextColumn("{task.fields[state]}"),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    quiet = not messages.is_terminal
+    quiet = not messages().is_terminal
     with (
         _asked_to_stop() as asked,
-        Progress(*columns, console=messages, transient=True, disable=quiet) as bar,
+        Progress(*columns, console=messages(), transient=True, disable=quiet) as bar,
     ):
         task = bar.add_task("", total=total, completed=done, state="loading")
 

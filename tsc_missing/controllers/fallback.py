@@ -60,9 +60,11 @@ class Safe(Controller):
     def decide(self, observation: Observation) -> IntArray:
         """(N,): legal phases."""
         phases = self._ask(observation.copy())
-        legal = phases >= 0
-        self.fallback_steps += int((~legal).sum())
-        return np.where(legal, phases, self._fallback.decide(observation))
+        illegal = phases < 0
+        if not illegal.any():
+            return phases
+        self.fallback_steps += int(illegal.sum())
+        return np.where(illegal, self._fallback.decide(observation), phases)
 
     def estimates(self) -> FloatArray | None:
         """(N, 12, F): the inner controller's, if the last step used its answer."""
@@ -114,7 +116,8 @@ class Safe(Controller):
 class Fallback(Controller):
     """Max-queue on what is observed, the fixed-time plan where nothing is.
 
-    Slots that did not report count as empty.
+    Slots that did not report count as empty. It remembers nothing from step to step, so it need
+    not be asked at every one.
     """
 
     def __init__(self) -> None:

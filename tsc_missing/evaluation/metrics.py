@@ -77,6 +77,12 @@ def summarise(
     return Result.model_validate(fields), trips
 
 
+def percentile(values: FloatArray, percent: float) -> float:
+    """``np.percentile`` of at least one number, which would load NumPy's masked arrays (13 ms)."""
+    place = percent / 100.0 * (values.size - 1)
+    return float(np.interp(place, np.arange(values.size), np.sort(values)))
+
+
 def _mean(values: FloatArray) -> float | None:
     return float(values.mean()) if values.size else None
 
@@ -88,7 +94,7 @@ def _travel_times(trips: TripTimes, on_approach: float, horizon: float) -> dict[
         "att_all": _mean(travel),
         "att_approach": on_approach / float(inserted.sum()) if inserted.any() else None,
         "att_finished": _mean((trips.arrival - trips.depart)[finished]),
-        "p95_travel_time": float(np.percentile(travel, 95)) if travel.size else None,
+        "p95_travel_time": percentile(travel, 95) if travel.size else None,
         "time_loss": _mean(trips.time_loss[inserted]),
         "depart_delay": _mean(trips.depart_delay(horizon)),
     }
@@ -128,8 +134,7 @@ def imputation_error(scene: Scene, trace: Trace, estimate: FloatArray) -> float 
 
 
 def _decision_times(trace: Trace) -> dict[str, float | None]:
-    seconds = trace.decision_seconds[np.isfinite(trace.decision_seconds)]
-    if not seconds.size:
+    taken = 1000.0 * trace.decision_seconds[np.isfinite(trace.decision_seconds)]
+    if not taken.size:
         return {"decision_ms_median": None, "decision_ms_p99": None}
-    median, p99 = np.percentile(seconds, [50, 99]) * 1000.0
-    return {"decision_ms_median": float(median), "decision_ms_p99": float(p99)}
+    return {"decision_ms_median": percentile(taken, 50), "decision_ms_p99": percentile(taken, 99)}

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tsc_missing.evaluation import columns
 from tsc_missing.evaluation.closed_loop import Scene, Trace
-from tsc_missing.network.model import BoolArray, FloatArray
+from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.masks import save_mask
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
@@ -19,6 +19,7 @@ RUN = "run.json"
 DECISIONS = "decisions.parquet"
 TRIPS = "trips.parquet"
 MASK = "mask.npz"
+STATUS = ("waiting", "running", "finished")
 
 
 def write_run(folder: Path, run: dict[str, Any]) -> None:
@@ -33,22 +34,21 @@ def write_mask(folder: Path, scene: Scene) -> None:
 
 def write_trips(folder: Path, scene: Scene, trips: TripTimes, horizon: float) -> None:
     """Write a row a vehicle, in the order of the demand; times in s, null where not reached."""
-    status = np.where(trips.finished, 2, np.where(trips.inserted, 1, 0))
-    names = pa.array(["waiting", "running", "finished"])
-    table = pa.table(
+    status = np.where(trips.finished, 2, np.where(trips.inserted, 1, 0)).astype(np.int8)
+    table = columns.table(
         {
-            "vehicle": pa.array(np.arange(len(trips.scheduled), dtype=np.int32)),
-            "origin": pa.array([t.route[0] for t in scene.demand.trips]).dictionary_encode(),
-            "destination": pa.array([t.route[-1] for t in scene.demand.trips]).dictionary_encode(),
-            "status": pa.DictionaryArray.from_arrays(pa.array(status.astype(np.int8)), names),
-            "scheduled": pa.array(trips.scheduled),
-            "depart": _nullable(trips.depart),
-            "arrival": _nullable(trips.arrival),
-            "travel_time": pa.array(trips.travel_time(horizon)),
-            "depart_delay": pa.array(trips.depart_delay(horizon)),
-            "time_loss": _nullable(trips.time_loss),
-            "waiting_time": _nullable(trips.waiting_time),
-            "route_length": _nullable(trips.route_length),
+            "vehicle": columns.numbers(np.arange(len(trips.scheduled), dtype=np.int32)),
+            "origin": columns.names(trip.route[0] for trip in scene.demand.trips),
+            "destination": columns.names(trip.route[-1] for trip in scene.demand.trips),
+            "status": columns.coded(status, STATUS),
+            "scheduled": columns.numbers(trips.scheduled),
+            "depart": columns.measured(trips.depart),
+            "arrival": columns.measured(trips.arrival),
+            "travel_time": columns.numbers(trips.travel_time(horizon)),
+            "depart_delay": columns.numbers(trips.depart_delay(horizon)),
+            "time_loss": columns.measured(trips.time_loss),
+            "waiting_time": columns.measured(trips.waiting_time),
+            "route_length": columns.measured(trips.route_length),
         }
     )
     pq.write_table(table, folder / TRIPS)
@@ -63,40 +63,30 @@ def write_decisions(folder: Path, scene: Scene, trace: Trace) -> None:
     of controllers that plan, hold such a list for each of the H steps ahead.
     """
     steps, n = trace.phase.shape
-    intersections = pa.DictionaryArray.from_arrays(
-        pa.array(np.tile(np.arange(n, dtype=np.int32), steps)), pa.array(scene.network.ids)
-    )
-    columns = {
-        "step": pa.array(np.repeat(np.arange(steps, dtype=np.int32), n)),
-        "time": pa.array(np.repeat(trace.time, n)),
-        "intersection": intersections,
-        "phase": pa.array(trace.phase.ravel().astype(np.int8)),
-        "observed": _lists(pa.array(trace.mask.ravel())),
+    found = {
+        "step": columns.numbers(np.repeat(np.arange(steps, dtype=np.int32), n)),
+        "time": columns.numbers(np.repeat(trace.time, n)),
+        "intersection": columns.coded(
+            np.tile(np.arange(n, dtype=np.int32), steps), scene.network.ids
+        ),
+        "phase": columns.numbers(trace.phase.astype(np.int8)),
+        "observed": columns.lists(columns.flags(trace.mask), N_SLOTS),
         "vehicles": _counts(trace.truth[..., VEHICLES]),
         "queue": _counts(trace.truth[..., QUEUE]),
         "estimated_vehicles": _counts(trace.estimate[..., VEHICLES]),
         "estimated_queue": _counts(trace.estimate[..., QUEUE]),
     }
     if trace.planned is not None:
-        columns["planned_vehicles"] = _ahead(trace.planned[..., VEHICLES])
-        columns["planned_queue"] = _ahead(trace.planned[..., QUEUE])
-    pq.write_table(pa.table(columns), folder / DECISIONS)
+        found["planned_vehicles"] = _ahead(trace.planned[..., VEHICLES])
+        found["planned_queue"] = _ahead(trace.planned[..., QUEUE])
+    pq.write_table(columns.table(found), folder / DECISIONS)
 
 
-def _nullable(values: FloatArray) -> Any:
-    missing: BoolArray = np.isnan(values)
-    return pa.array(values, mask=missing)
+def _counts(values: FloatArray) -> columns.Array:
+    """Lists over the 12 slots; null where NaN."""
+    return columns.lists(columns.measured(values.astype(np.float32)), N_SLOTS)
 
 
-def _counts(values: FloatArray) -> Any:
-    flat = values.ravel().astype(np.float32)
-    return _lists(pa.array(flat, mask=np.isnan(flat)))
-
-
-def _ahead(values: FloatArray) -> Any:
+def _ahead(values: FloatArray) -> columns.Array:
     """Lists over the H steps ahead of lists over the slots, from (T, N, H, 12)."""
-    return pa.FixedSizeListArray.from_arrays(_counts(values), values.shape[2])
-
-
-def _lists(values: Any) -> Any:
-    return pa.FixedSizeListArray.from_arrays(values, N_SLOTS)
+    return columns.lists(_counts(values), values.shape[2])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tsc_missing.config import SensorSettings
-from tsc_missing.network.model import IntArray, Network
+from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import N_FEATURES, QUEUE, VEHICLES, Measurement
 
@@ -64,30 +64,32 @@ class Detectors:
         table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
-    def _counts(self) -> list[tuple[int, int]]:
-        """Vehicles and queue of each lane: by calls in process, in one answer over TraCI.
+    def _counts(self) -> tuple[FloatArray, FloatArray]:
+        """Vehicles on each lane, and the queue on each entrance lane, which are the first of them.
 
-        libsumo gathers what is subscribed to at every advance, which costs more than the calls.
+        By calls in process, in one answer over TraCI: libsumo gathers what is subscribed to at
+        every advance, which costs more than the calls.
         """
+        entrances = self._network.entrance_lanes
         if self._subscribed:
             found = self._domain.getAllSubscriptionResults()
-            return [(found[n][VEHICLE_NUMBER], found[n][HALTING_NUMBER]) for n in self._lanes]
-        vehicles = self._domain.getLastStepVehicleNumber
-        halting = self._domain.getLastStepHaltingNumber
-        return [(vehicles(lane), halting(lane)) for lane in self._lanes]
+            vehicles = [found[lane][VEHICLE_NUMBER] for lane in self._lanes]
+            queue = [found[lane][HALTING_NUMBER] for lane in entrances]
+        else:
+            vehicles = list(map(self._domain.getLastStepVehicleNumber, self._lanes))
+            queue = list(map(self._domain.getLastStepHaltingNumber, entrances))
+        return np.array(vehicles, dtype=float), np.array(queue, dtype=float)
 
     def read(self) -> Measurement:
         """The truth now, for all intersections and slots."""
-        counts = np.array(self._counts(), dtype=float)
+        vehicles, queue = self._counts()
         n = self._network.n
         values = np.zeros((n * N_SLOTS, N_FEATURES))
-        for feature in (VEHICLES, QUEUE):
+        for feature, counts in ((VEHICLES, vehicles), (QUEUE, queue)):
             values[:, feature] = np.bincount(
-                self._slot, self._weight * counts[self._lane, feature], minlength=n * N_SLOTS
+                self._slot, self._weight * counts[self._lane], minlength=n * N_SLOTS
             )
-        exits = np.bincount(
-            self._exit_slot, counts[self._exit_lane, VEHICLES], minlength=n * N_SLOTS
-        )
+        exits = np.bincount(self._exit_slot, vehicles[self._exit_lane], minlength=n * N_SLOTS)
         return Measurement(
             values.reshape(n, N_SLOTS, N_FEATURES), exits.reshape(n, N_SLOTS).astype(float)
         )

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -85,10 +86,15 @@ COLUMNS = ("depart", "arrival", "timeLoss", "waitingTime", "routeLength")
 def read_trips(path: Path, scheduled: FloatArray) -> TripTimes:
     """The trips of a tripinfo file whose vehicles are named by their position in the demand."""
     table = np.full((len(scheduled), len(COLUMNS)), np.nan)
-    for _, element in ElementTree.iterparse(path):
-        if element.tag == "tripinfo" and float(element.get("depart", "-1")) >= 0:
-            table[int(element.get("id", "-1"))] = [float(element.get(c, "nan")) for c in COLUMNS]
-            element.clear()
+
+    def element(tag: str, values: dict[str, str]) -> None:
+        if tag == "tripinfo" and float(values.get("depart", "-1")) >= 0:
+            table[int(values["id"])] = [float(values.get(c, "nan")) for c in COLUMNS]
+
+    parser = expat.ParserCreate()  # not ElementTree, which makes an object of each trip
+    parser.StartElementHandler = element
+    with path.open("rb") as stream:
+        parser.ParseFile(stream)
     depart, arrival, time_loss, waiting_time, route_length = table.T
     arrival = np.where(arrival >= 0, arrival, np.nan)
     return TripTimes(scheduled, depart, arrival, time_loss, waiting_time, route_length)
