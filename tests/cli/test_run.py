@@ -57,7 +57,7 @@ def test_same_seed_same_bytes_other_seed_other_trips(command, small_net):
 
 @pytest.mark.parametrize("package", ["pandas", "rich"])
 def test_what_a_run_does_not_need_is_not_loaded(command, small_net, tmp_path, monkeypatch, package):
-    """Both take longer to load than all of a run's own work."""
+    """A package of that name that cannot be loaded is put in front of the real one."""
     (tmp_path / f"{package}.py").write_text("raise RuntimeError('loaded')")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     monkeypatch.setenv("PYTHONPATH", path.rstrip(os.pathsep))
