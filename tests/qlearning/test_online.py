@@ -60,7 +60,7 @@ def test_learning_reduces_the_error(small_net, tmp_path):
     from tsc_missing.evaluation.scenario import find_scenario
 
     network = find_scenario(about["net"], "recorded").folder.network
-    replay = Replay({about["net"]: network}, 0.0, 20.0, 5)
+    replay = Replay({about["net"]: network}, plan, 5)
     replay.add(about["net"], log)
     torch.manual_seed(0)
     learner = Learner(plan, {about["net"]: Graph.of(network)})

@@ -99,9 +99,8 @@ class QTraining:
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
         graphs = {net: Graph.of(network) for net, network in networks.items()}
         self.learner = Learner(settings, graphs)
-        how = settings.running_weight, settings.reward_scale
-        self._own = Replay(networks, *how, settings.memory)
-        self._given = Replay(networks, *how, 10**6)
+        self._own = Replay(networks, settings, settings.memory)
+        self._given = Replay(networks, settings, 10**6)
         self.round = 0
         if resume:
             self.round = load_learner(folder, settings, self.learner)

@@ -11,8 +11,9 @@ from torch import Tensor
 from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import Network
 from tsc_missing.offline.log import EpisodeLog
+from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.features import SlotTables, slot_features
-from tsc_missing.sensing.observation import QUEUE, VEHICLES
+from tsc_missing.qlearning.rewards import rewards
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,13 @@ class Replay:
     """The latest episodes; steps of all of them are alike probable."""
 
     def __init__(
-        self, networks: Mapping[str, Network], running_weight: float, scale: float, most: int
+        self, networks: Mapping[str, Network], settings: QLearningSettings, most: int
     ) -> None:
-        """A reward of 1 is ``scale`` [vehicles]; at ``most`` so many episodes are kept."""
+        """At ``most`` so many episodes are kept."""
         interval = SignalSettings().decision_interval
         self._tables = {net: SlotTables.of(network, interval) for net, network in networks.items()}
-        self._running_weight = running_weight
-        self._scale = scale
+        self._networks = networks
+        self._settings = settings
         self._episodes: deque[_Episode] = deque(maxlen=most)
 
     def __len__(self) -> int:
@@ -54,15 +55,13 @@ class Replay:
     def add(self, net: str, log: EpisodeLog) -> None:
         """Take in an episode; the oldest leaves when there are too many."""
         features = slot_features(self._tables[net], log.values, log.red_steps)
-        after = log.values[1:].sum(axis=2)  # (T - 1, N, F)
-        queue, weight = after[..., QUEUE], self._running_weight
-        reward = -(queue + weight * (after[..., VEHICLES] - queue)) / self._scale
+        reward = rewards(log, self._networks[net], self._settings)
         self._episodes.append(
             _Episode(
                 net,
                 torch.from_numpy(features.astype(np.float16)),
                 torch.from_numpy(log.phase),
-                torch.from_numpy(reward.astype(np.float32)),
+                torch.from_numpy(reward),
             )
         )
 

@@ -1,0 +1,48 @@
+"""What the weights that come with the package decide; torch's last bits may differ, so ties may."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from tests.controllers.planning import observations
+from tests.networks import context_for, grid_network
+from tsc_missing.config import RunSettings
+from tsc_missing.controllers.registry import make_controller
+from tsc_missing.weights.file import read_tensors
+from tsc_missing.weights.find import FOLDER, find_weights, packaged_weights
+
+GRID = grid_network(2, 3)
+GOLDEN = []
+LARGEST = 3e6  # [bytes] of a file
+
+
+def decisions(name, **options):
+    settings = RunSettings(controller=name, **options)
+    controller = make_controller(
+        name, settings.imputer, settings.blind, settings.diffusion, settings.q_weights
+    )
+    controller.reset(context_for(GRID))
+    return np.array([controller.decide(observation) for observation in observations(GRID)])
+
+
+def test_golden_decisions():
+    assert decisions("difflight").tolist() == GOLDEN
+
+
+def test_the_default_is_difflight():
+    assert RunSettings().controller == "difflight"
+    assert RunSettings().diffusion.weights in packaged_weights()
+
+
+@pytest.mark.parametrize("name", packaged_weights())
+def test_weights_say_where_they_come_from(name):
+    path = find_weights(name)
+    assert path.is_relative_to(FOLDER)
+    assert path.stat().st_size < LARGEST
+    kind = "difflight" if name == "universal" else "q-network"
+    manifest, tensors = read_tensors(path, kind)
+    assert tensors
+    assert {"training", "versions", "git", "checksum"} <= manifest.keys()
+    sources = manifest["data"]["sources"] if kind == "difflight" else manifest["sources"]
+    assert not any("recorded" in file for files in sources.values() for file in files)
