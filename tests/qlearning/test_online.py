@@ -97,3 +97,13 @@ def test_what_can_be_wrong(small_net, tmp_path):
     with pytest.raises(ValueError, match="need data"):
         settings(small_net, before=3)
     assert RunSettings().steps == 240
+
+
+def test_beginning_with_weights(small_net, tmp_path):
+    first = QTraining(settings(small_net, rounds=1, updates=1), tmp_path / "t").run(1)
+    again = QTraining(settings(small_net, start=str(first)), tmp_path / "u")
+    wanted, _ = load_q_network(first)
+    for name, weight in again.learner.network.state_dict().items():
+        assert torch.equal(weight, wanted.state_dict()[name])
+    with pytest.raises(UserError, match="its width is 8"):
+        QTraining(settings(small_net, start=str(first), width=12), tmp_path / "v")

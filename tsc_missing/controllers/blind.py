@@ -45,3 +45,7 @@ class Blind(Controller):
     def estimates(self) -> FloatArray | None:
         """(N, 12, F): the inner controller's estimates, at blind intersections too."""
         return self.controller.estimates()
+
+    def plans(self) -> FloatArray | None:
+        """(N, H, 12, F): the inner controller's plans, at blind intersections too."""
+        return self.controller.plans()

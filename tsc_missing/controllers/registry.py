@@ -66,19 +66,19 @@ def make_controller(
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
-    values at blind intersections come from. Raises ``UserError`` for names that are unknown and
-    for weights that cannot be used.
+    The rule "auto" is the fixed cycle, or none where the diffusion model fills the holes, which
+    knows what its values at blind intersections come from. Raises ``UserError`` for names that
+    are unknown and for weights that cannot be used.
     """
-    if name == DIFFLIGHT:
-        return _difflight(diffusion or DiffusionSettings(), q_weights)
-    if name not in CONTROLLERS and name not in LEARNED:
+    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED):
         known = [*CONTROLLERS, *LEARNED, DIFFLIGHT, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
-        blind = "none" if imputer == DIFFUSION else "fixed-time"
+        blind = "none" if imputer == DIFFUSION or name == DIFFLIGHT else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
+    if name == DIFFLIGHT:
+        return BLIND[blind](_difflight(diffusion or DiffusionSettings(), q_weights))
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)
     if not entry.needs_values:
         return entry.make()

@@ -24,6 +24,7 @@ class QLearningSettings(Settings):
     volume_min: float = Field(0.8, gt=0, le=10)  # times the profile's arrivals,
     volume_max: float = Field(1.2, gt=0, le=10)  # drawn for each episode
     data: Path | None = None  # an offline dataset to learn from besides
+    start: str | None = None  # weights to begin with, a name or a path
     horizon: int = Field(3600, gt=0)  # [s] of an episode
 
     width: int = Field(32, ge=4, multiple_of=4)

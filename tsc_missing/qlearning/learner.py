@@ -2,13 +2,16 @@
 
 import copy
 from collections.abc import Mapping
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
+from tsc_missing.errors import UserError
 from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.networks import ALGORITHMS, Graph, QNetwork
 from tsc_missing.qlearning.replay import Transitions
+from tsc_missing.qlearning.weights import load_q_network
 
 
 class Learner:
@@ -27,6 +30,15 @@ class Learner:
         self.optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self.acting = copy.deepcopy(self.target)  # what plays the next episodes
         self.done = 0  # updates
+
+    def begin_with(self, weights: Path) -> None:
+        """Take over weights of the same algorithm and width; ``UserError`` if they are others."""
+        network, manifest = load_q_network(weights)
+        for name in ("algorithm", "width"):
+            if manifest[name] != getattr(self._settings, name):
+                raise UserError("start", weights, f"its {name} is {manifest[name]}")
+        for mine in (self.network, self.target, self.acting):
+            mine.load_state_dict(network.state_dict())
 
     def act_as_now(self) -> None:
         """Let what is learned so far play the next episodes."""

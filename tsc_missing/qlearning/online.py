@@ -30,7 +30,7 @@ from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import VEHICLES
 from tsc_missing.versions import git_revision, versions
-from tsc_missing.weights.find import FILE
+from tsc_missing.weights.find import FILE, find_weights
 
 EPISODES = "episodes"
 RENEW = 16  # rounds after which processes are new, with the memory that SUMO has lost
@@ -99,6 +99,8 @@ class QTraining:
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
         graphs = {net: Graph.of(network) for net, network in networks.items()}
         self.learner = Learner(settings, graphs)
+        if settings.start is not None:
+            self.learner.begin_with(find_weights(settings.start))
         self._own = Replay(networks, settings, settings.memory)
         self._given = Replay(networks, settings, 10**6)
         self.round = 0
