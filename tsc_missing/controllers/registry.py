@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from tsc_missing.config import DiffusionSettings
+from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
@@ -55,6 +56,19 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
 }
+
+
+def uses_weights(settings: RunSettings) -> bool:
+    """Whether the run's controller, or the imputer that it is composed with, is a trained model."""
+    if settings.controller == DIFFLIGHT:
+        return True
+    entry = CONTROLLERS.get(settings.controller)
+    return settings.imputer == DIFFUSION and entry is not None and entry.needs_values
+
+
+def find_run_weights(settings: RunSettings) -> Path | None:
+    """The weights file that a run uses, if any; ``UserError`` where it is not there."""
+    return find_weights(settings.diffusion.weights) if uses_weights(settings) else None
 
 
 def make_controller(
