@@ -54,9 +54,7 @@ def _problem(run: RunSpec) -> UserError | None:
     if settings.controller in NATIVE:
         return None
     try:
-        make_controller(
-            settings.controller, settings.imputer, settings.blind, settings.diffusion
-        )
+        make_controller(settings.controller, settings.imputer, settings.blind, settings.diffusion)
     except UserError as error:
         return error
     return None

@@ -42,6 +42,7 @@ class Plan(BaseModel):
     format: Literal[1] = 1
     suite: Suite  # its runs that can run
     lacking: dict[str, str] = {}  # methods left out for want of weights, and what makes these
+    command: str = ""  # that wrote it
 
 
 class Failure(BaseModel):

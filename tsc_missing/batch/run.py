@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tsc_missing.batch.check import available, check_scenarios
@@ -55,8 +55,9 @@ class Means:
 
     workers: int = 1
     cluster: str | None = None  # the address of a Dask scheduler, instead of own workers
-    care: Care = Care()
+    care: Care = field(default_factory=Care)
     decisions: bool = True  # write decisions.parquet
+    command: str = ""  # for the record
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
     """
     out = batch.out
     with held(out):
-        write_plan(out, Plan(suite=batch.suite, lacking=batch.lacking))
+        plan = Plan(suite=batch.suite, lacking=batch.lacking, command=means.command)
+        write_plan(out, plan)
         clear_leftovers(out)
         for name in batch.finished:
             forget_failure(out, name)
@@ -136,7 +138,9 @@ def _keep(out: Path, outcome: Outcome) -> None:
     elif run_folder(out, outcome.name).exists():
         forget_failure(out, outcome.name)
     else:
-        lost = Failure(kind="crash", error="the worker said that it was done, but the folder is not there")
+        lost = Failure(
+            kind="crash", error="the worker said that it was done, but the folder is not there"
+        )
         write_failure(out, outcome.name, lost)
 
 

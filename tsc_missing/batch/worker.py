@@ -125,7 +125,10 @@ def supervise(task: Task, care: Care) -> Outcome:
         _mine.worker = Worker()
         _workers.append(_mine.worker)
     worker: Worker = _mine.worker
-    for attempt in range(1, care.retries + 2):
+    attempts = 0
+    failure: Failure | None = None
+    while attempts <= care.retries:
+        attempts += 1
         try:
             failure = worker.attempt(task, care)
         except Exception as error:
@@ -134,7 +137,7 @@ def supervise(task: Task, care: Care) -> Outcome:
         if failure is None or failure.kind == "refused" or stopping.is_set():
             break
     if failure is not None:
-        failure = failure.model_copy(update={"attempts": attempt})
+        failure = failure.model_copy(update={"attempts": attempts})
     return Outcome(task.name, failure, time.monotonic() - began)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -35,9 +36,7 @@ def batch(
         str | None,
         typer.Option(help="The address of a Dask scheduler, to run on its workers instead."),
     ] = None,
-    retries: Annotated[
-        int, typer.Option(min=0, help="Further attempts of a run that failed.")
-    ] = 1,
+    retries: Annotated[int, typer.Option(min=0, help="Further attempts of a run that failed.")] = 1,
     timeout: Annotated[
         float, typer.Option(min=0.1, help="Seconds that an attempt may take.")
     ] = 3600.0,
@@ -76,10 +75,11 @@ def batch(
     if only_list:
         _list(prepared, as_json)
         return DONE
+    command = shlex.join(["tsc-batch", *sys.argv[1:]])
     care = Care(timeout, retries, runs_per_process)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        failures = _watched(prepared, Means(workers, cluster, care, decisions))
+        failures = _watched(prepared, Means(workers, cluster, care, decisions, command))
     except KeyboardInterrupt:
         there = len(prepared.suite.runs) - len(_left(prepared))
         messages.print(
