@@ -107,7 +107,9 @@ class _Reader:
     def suite(self) -> Suite:
         content = self._content
         self._known("top level", content, TOP)
-        self._methods = {name: self._method(name) for name in self._table("methods")}
+        own = self._table("methods")
+        tables = {**_load(bundled("scenarios") / "methods.toml"), **own}
+        self._methods = {name: self._method(name, table) for name, table in tables.items()}
         blocks = content.get("runs")
         if not isinstance(blocks, list) or not blocks:
             self._wrong("runs", "a suite needs at least one [[runs]]")
@@ -132,10 +134,9 @@ class _Reader:
             self._wrong(key, "it must be a table")
         return table
 
-    def _method(self, name: str) -> tuple[dict[str, Any], dict[Key, Any]]:
+    def _method(self, name: str, table: Any) -> tuple[dict[str, Any], dict[Key, Any]]:
         """What is said about a method, and its settings."""
         where = f"methods.{name}"
-        table = self._content["methods"][name]
         if not isinstance(table, Mapping):
             self._wrong(where, "it must be a table")
         about = {key: table[key] for key in ABOUT_METHODS if key in table}
