@@ -206,7 +206,7 @@ def _labels(
     of_method = [f"{key[-1]} {settings[key]}" for key in extra if key[0] in METHOD_GROUPS]
     of_scene = [f"{key[-1]} {settings[key]}" for key in extra if key[0] not in METHOD_GROUPS]
     missing, net = run.missing, Path(canonical(run.net)).name
-    what = [missing.pattern]
+    what: list[str] = [missing.pattern]
     if missing.pattern != "none":
         what += [*(["adjacent"] if missing.adjacent else []), f"{missing.rate:g}"]
         if ("missing", "mean_outage") in settings:

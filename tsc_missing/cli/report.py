@@ -1,5 +1,7 @@
 """``tsc-report``: tables and figures of batches."""
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +31,8 @@ def report(
     target = out if out is not None else results[0] / "report"
     check_metric(metric)
     check_target(target)
-    for path in write_report(results, target, metric):
+    command = shlex.join(["tsc-report", *sys.argv[1:]])
+    for path in write_report(results, target, metric, command):
         print(path)
 
 

@@ -62,8 +62,8 @@ class Report:
     pictures: tuple[Picture, ...]
 
 
-def make_report(results: Results, metric: str) -> Report:
-    """Everything there is to say about the results."""
+def make_report(results: Results, metric: str, command: str = "") -> Report:
+    """Everything there is to say about the results; ``command`` is what made the report."""
     title = " and ".join(dict.fromkeys(plan.suite.title for plan in results.plans))
     pictures = tuple(_pictures(results, metric))
     lines = [
@@ -75,7 +75,7 @@ def make_report(results: Results, metric: str) -> Report:
         *_paper(results),
         *_times(results),
         *_figures(pictures),
-        *_making(results),
+        *_making(results, command),
     ]
     return Report(title, "\n".join(lines).rstrip() + "\n", pictures)
 
@@ -223,7 +223,7 @@ def _pictures(results: Results, metric: str) -> Iterator[Picture]:
             yield Picture(name, figure, words)
 
 
-def _making(results: Results) -> list[str]:
+def _making(results: Results, command: str) -> list[str]:
     versions = ", ".join(
         f"{name} {' and '.join(all_)}" for name, all_ in results.versions().items()
     )
@@ -232,7 +232,8 @@ def _making(results: Results) -> list[str]:
     demand = ", ".join(dict.fromkeys(str(run.row["demand_kind"]) for run in results.finished))
     horizon = ", ".join(dict.fromkeys(f"{r.spec.settings.horizon} s" for r in results.finished))
     lines = ["## How it was made", ""]
-    lines += [f"    {plan.command}" for plan in results.plans if plan.command]
+    commands = [*(plan.command for plan in results.plans), command]
+    lines += [f"    {each}" for each in commands if each]
     facts = f"{len(results.finished)} runs, {demand} demand, {horizon}, seeds {_seed_words(seeds)}"
     made = f"; {versions}" + (f"; revision {', '.join(revisions)}" if revisions else "")
     return [*lines, "", f"{facts}{made}.", ""]

@@ -172,7 +172,8 @@ def imputation_figure(results: Results, metric: str) -> Figure | None:
     if not points:
         return None
     flat = [point for all_ in points.values() for point in all_]
-    cases, methods = (list(dict.fromkeys(p[k] for p in flat)) for k in (0, 1))
+    cases = list(dict.fromkeys(case for case, _, _, _ in flat))
+    methods = list(dict.fromkeys(method for _, method, _, _ in flat))
     style = looks(results.methods)
     shapes = {case: MARKERS[k % len(MARKERS)] for k, case in enumerate(cases)}
     figure, axes = panels(len(points), len(cases) + len(methods), columns=2)

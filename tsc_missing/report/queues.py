@@ -62,13 +62,19 @@ def queue_figure(results: Results) -> Figure | None:
                     linewidth=1.1,
                     marker=look.marker,
                     markersize=4,
-                    markevery=max(1, len(time) // 6),
+                    markevery=_marks(len(time), results.methods.index(cell.method)),
                 )
         panel.set_ylim(0, 1.05 * max(1.0, float(tops[dataset])))
         label(panel, f"{dataset}, {_missing(case)}", "time, min", "queue, vehicles")
     shown = [m for m in results.methods if any(cell.method == m for cell in lines)]
     add_legend(figure, [line_sample(style[m], m) for m in shown])
     return figure
+
+
+def _marks(steps: int, number: int) -> tuple[int, int]:
+    """The first step with a marker and how many lie between two; methods differ in the first."""
+    apart = max(1, steps // 6)
+    return (3 * number) % apart, apart
 
 
 def _missing(case: str) -> str:

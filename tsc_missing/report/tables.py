@@ -49,7 +49,12 @@ def _column(results: Results, dataset: str, case: str, metric: str, digits: int)
 
 
 def ranking(values: dict[str, float], digits: int) -> dict[str, int]:
-    """The rank of each name, 0 for the smallest value; equal as printed is equal in rank."""
+    """The rank of each name, 0 for the smallest value; equal as printed is equal in rank.
+
+    One name alone has no rank.
+    """
+    if len(values) < 2:
+        return {}
     shown = {name: round(value, digits) for name, value in values.items()}
     order = sorted(set(shown.values()))
     return {name: order.index(value) for name, value in shown.items()}
@@ -73,7 +78,7 @@ def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
     rows = []
     for method in results.methods:
         cells = [
-            "is it"
+            "best"
             if bases[case] == method
             else change_words(ratio_of([_pairs(results, dataset, case, method, base, metric)]))
             for case in cases

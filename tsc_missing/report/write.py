@@ -37,9 +37,11 @@ def is_report(folder: Path) -> bool:
     return {MARKDOWN, HTML} <= names <= {MARKDOWN, HTML, FIGURES}
 
 
-def write_report(folders: Sequence[Path], target: Path, metric: str) -> list[Path]:
+def write_report(
+    folders: Sequence[Path], target: Path, metric: str, command: str = ""
+) -> list[Path]:
     """Write the report of the batches in ``folders``; returns its two documents."""
-    report = make_report(read_results(folders), metric)
+    report = make_report(read_results(folders), metric, command)
     old = target.with_name(f".{target.name}.old")
     fresh = target.with_name(f".{target.name}.new")
     for left in (old, fresh):
