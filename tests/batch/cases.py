@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from tsc_missing.batch.folder import PLAN
 from tsc_missing.evaluation.metrics import Result
 
+PATIENCE = 300  # [s] for what takes seconds on a machine that is not busy
 CLOCKS = {"wall_s", "sim_s_per_wall_s", "decision_ms_median", "decision_ms_p99"}
 
 SUITE = """
@@ -55,7 +56,7 @@ def start(command, *arguments, **environment):
     )
 
 
-def wait_for(what, seconds=100):
+def wait_for(what, seconds=PATIENCE):
     """What ``what`` returns, once that is something."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:

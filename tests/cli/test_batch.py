@@ -8,6 +8,7 @@ import signal
 import pytest
 
 from tests.batch.cases import (
+    PATIENCE,
     begun,
     finished,
     half_written,
@@ -49,11 +50,10 @@ def test_a_batch_is_what_its_runs_are_alone_and_runs_once(command, small_net):
         *("--missing", "random", "--rate", 0.5, "--out", "alone"),
     )
     assert alone.returncode == 0, alone.stderr
+    folder = out / "runs" / name
     for file in ("trips.parquet", "mask.npz"):
-        assert (command.cwd / "alone" / file).read_bytes() == (
-            out / "runs" / name / file
-        ).read_bytes()
-    assert json.loads((out / "runs" / name / "run.json").read_text())["settings"]["seed"] == 1
+        assert (command.cwd / "alone" / file).read_bytes() == (folder / file).read_bytes()
+    assert json.loads((folder / "run.json").read_text())["settings"]["seed"] == 1
 
     masks = {run: row["mask.npz_sha256"] for run, row in table.items()}
     assert masks[name] == masks["small-random-0.5-max-queue-seed1"]
@@ -84,7 +84,7 @@ def test_killed_and_interrupted_batches_go_on(command, small_net):
     wait_for(lambda: len(finished(out)) > len(there))
     workers = runners(second.pid)
     second.send_signal(signal.SIGINT)
-    _, errors = second.communicate(timeout=100)
+    _, errors = second.communicate(timeout=PATIENCE)
     assert second.returncode == 130, errors
     assert re.search(r"interrupted with [2-4] of 4 runs; the same command goes on\n$", errors)
     assert half_written(out) == []
@@ -106,40 +106,43 @@ def test_a_killed_worker_costs_its_run_only(command, small_net):
     wait_for(lambda: begun(out))
     (worker,) = runners(process.pid)
     os.kill(worker, signal.SIGKILL)
-    text, errors = process.communicate(timeout=100)
+    text, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     assert "2 of 2 runs finished" in text
     assert {row["status"] for row in rows(out).values()} == {"finished"}
 
 
-def test_failures_are_recorded_and_stop_nobody(command, small_net):
+def test_a_crash_is_recorded_and_stops_nobody(command, small_net):
     write_suite(command, small_net, horizon=f"[90, {LONG}]", methods='"max-queue"', seeds="[0]")
     out = command.cwd / "b"
-    options = ("small.toml", "--workers", 2, "--out", "b", "--timeout", 10)
-    process = start(command, *options, "--retries", 1)
-    long = f"small-horizon_{LONG}-random-0.5-max-queue-seed0"
+    process = start(command, "small.toml", "--workers", 2, "--out", "b", "--retries", 0)
     wait_for(lambda: begun(out) and finished(out))
-    text, errors = process.communicate(timeout=100)
-    assert process.returncode == 1
-    assert "1 of 2 runs finished" in text
-    assert f"failed: {long}: it took more than 10 s" in text
-    table = rows(out)
-    assert table[long]["status"] == "failed"
-    assert table[long]["error"] == "it took more than 10 s"
-    assert table[long]["attempts"] == 2
-    assert table[long]["att_all"] is None
-    assert half_written(out) == []
-
-    process = start(command, "small.toml", "--workers", 1, "--out", "b", "--retries", 0)
-    wait_for(lambda: begun(out))
     busy = command("batch", "small.toml", "--out", "b")
     assert busy.returncode == 2
     assert "another tsc-batch is running in it" in busy.stderr
-    (worker,) = runners(process.pid)
-    os.kill(worker, signal.SIGKILL)
-    _, errors = process.communicate(timeout=100)
+    for worker in runners(process.pid):
+        os.kill(worker, signal.SIGKILL)
+    text, _ = process.communicate(timeout=PATIENCE)
+    long = f"small-horizon_{LONG}-random-0.5-max-queue-seed0"
     assert process.returncode == 1
-    assert rows(out)[long]["error"] == "its process ended with SIGKILL(-9)"
+    assert "1 of 2 runs finished" in text
+    assert f"failed: {long}: its process ended with SIGKILL(-9)" in text
+    row = rows(out)[long]
+    assert (row["status"], row["attempts"], row["att_all"]) == ("failed", 1, None)
+    assert row["error"] == "its process ended with SIGKILL(-9)"
+    assert half_written(out) == []
+
+
+def test_a_time_out_is_recorded_after_retries(command, small_net):
+    write_suite(command, small_net, horizon=LONG, methods='"max-queue"', seeds="[0]")
+    options = ("small.toml", "--out", "b", "--workers", 1, "--timeout", 2, "--retries", 1)
+    done = command("batch", *options)
+    assert done.returncode == 1
+    assert "0 of 1 runs finished" in done.stdout
+    (row,) = rows(command.cwd / "b").values()
+    assert (row["status"], row["attempts"]) == ("failed", 2)
+    assert row["error"] == "it took more than 2 s"
+    assert half_written(command.cwd / "b") == []
 
 
 def refused(command, *arguments, words):

@@ -1,5 +1,6 @@
 """``tsc-batch --cluster``: two Dask workers on loopback, one of them killed midway."""
 
+import json
 import os
 import signal
 import subprocess
@@ -36,8 +37,6 @@ def cluster(tmp_path):
         wait_for(file.exists)
         worker = [*dask, "worker", *local, f"--scheduler-file={file}", "--nthreads", "1"]
         processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
-        import json
-
         yield json.loads(file.read_text())["address"], processes[1:]
     finally:
         for process in reversed(processes):
@@ -64,7 +63,7 @@ def test_two_workers_one_killed_midway(command, small_net, cluster):
 
     for worker in wait_for(running):
         os.kill(worker, signal.SIGKILL)
-    text, errors = process.communicate(timeout=150)
+    text, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     assert "4 of 4 runs finished" in text
     assert len(finished(out)) == 4
