@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from tests.batch.cases import (
+    PATIENCE,
     descendants,
     finished,
     half_written,
