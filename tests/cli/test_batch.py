@@ -203,3 +203,4 @@ def test_a_cluster_that_is_not_there(command, small_net, address):
     assert done.returncode == 2
     assert f"--cluster: {address}" in done.stderr
     assert "no Dask scheduler answers there" in done.stderr
+    assert not (command.cwd / "b").exists()

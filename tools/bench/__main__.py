@@ -42,7 +42,7 @@ def main(
     names: Annotated[
         list[Name] | None,
         typer.Argument(
-            help="loop: against the bare simulator; sumo-rl; costs: where time goes; batch: tsc-batch."
+            help="loop: against bare SUMO; sumo-rl; costs: where time goes; batch: tsc-batch."
         ),
     ] = None,
     net: Annotated[str, typer.Option(help="As of tsc-run.")] = "jinan",

@@ -67,7 +67,7 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
         try:
             yield Engine(executor, lambda: sum(client.nthreads().values()), lambda: 0)
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
+            executor.shutdown(wait=False)  # cancels what waits; what runs sees that it is unwanted
             raise
         executor.shutdown()
 

@@ -1,6 +1,7 @@
 """A batch: what is missing of a suite is run, and its table is written."""
 
 import contextlib
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,7 @@ from tsc_missing.batch.table import write_table
 from tsc_missing.batch.task import Task
 from tsc_missing.batch.worker import Care, Outcome
 from tsc_missing.controllers.registry import uses_weights
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario
 
 
@@ -89,8 +91,21 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
     """Run what is missing; returns the failures by run.
 
     ``watch`` is called at the start and whenever a run ended, with what tells the state. Ended
-    early, the runs that are finished stay and the table tells of them.
+    early, the runs that are finished stay and the table tells of them. Where it cannot start
+    (``UserError``) a new folder goes away again.
     """
+    new = not batch.out.exists()
+    try:
+        _run_batch(batch, means, watch)
+    except UserError:
+        if new:
+            shutil.rmtree(batch.out, ignore_errors=True)
+        raise
+    failures = {run.name: read_failure(batch.out, run.name) for run in batch.suite.runs}
+    return {name: failure for name, failure in failures.items() if failure is not None}
+
+
+def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
     out = batch.out
     with held(out):
         plan = Plan(suite=batch.suite, lacking=batch.lacking, command=means.command)
@@ -103,8 +118,6 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
         finally:
             clear_leftovers(out)
             write_table(out)
-    failures = {run.name: read_failure(out, run.name) for run in batch.suite.runs}
-    return {name: failure for name, failure in failures.items() if failure is not None}
 
 
 def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:

@@ -25,6 +25,8 @@ from tsc_missing.files import replace_file, sha256
 FINISHED, FAILED, WAITING = "finished", "failed", "not run"
 SPEC = ("dataset", "case", "method", "paper", "trained")
 
+KINDS = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
+
 Row = dict[str, Any]
 
 
@@ -54,8 +56,8 @@ def _settings(spec: RunSpec) -> Row:
 def _result(record: dict[str, Any] | None) -> Row:
     """The result fields, null for a run that is not there; ``demand`` counts vehicles here."""
     values = record["result"] if record is not None else {}
-    names = {"demand": "demand_vehicles"}  # ``demand`` is a setting too
-    return {names.get(name, name): values.get(name) for name in Result.model_fields}
+    found = {name: values.get(name) for name in Result.model_fields}
+    return {"demand_vehicles": found.pop("demand"), **found}  # ``demand`` is a setting too
 
 
 def _origin(out: Path, name: str, record: dict[str, Any] | None, failure: Failure | None) -> Row:
@@ -88,15 +90,13 @@ def write_table(out: Path) -> Path:
 
 
 def _schema(rows: list[Row]) -> Any:
-    """Types by column: those of the result's fields, and else of the first value that is there."""
-    kinds = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
+    """Types by column: what the result's fields are declared as, else that of what is there."""
+    declared = {name: field.annotation for name, field in Result.model_fields.items()}
     fields = []
     for key in rows[0]:
-        values = [row[key] for row in rows if row[key] is not None]
-        types = {type(value) for value in values}
-        kind = float if types == {int, float} else next(iter(types), None)
-        declared = Result.model_fields.get(key)
-        if kind is None:
-            kind = str if declared is None else float
-        fields.append((key, kinds[kind]))
+        kind: Any = declared.get(key)
+        types = {type(row[key]) for row in rows if row[key] is not None}
+        if kind not in KINDS:
+            kind = float if key in declared or types == {int, float} else next(iter(types), str)
+        fields.append((key, KINDS[kind]))
     return pa.schema(fields)

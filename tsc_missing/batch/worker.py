@@ -21,6 +21,7 @@ from tsc_missing.batch.folder import Failure, clear_leftovers
 from tsc_missing.batch.task import Task, listen_to_nobody, run_task
 from tsc_missing.versions import versions
 
+stopping = threading.Event()  # set while this process ends its workers
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMEXPR")
 IDLE = 60.0  # [s] after which a process without a run ends by itself
 
@@ -57,6 +58,8 @@ class Worker:
     def attempt(self, task: Task, care: Care) -> Failure | None:
         """Run it once."""
         self._ready(care.runs_per_process)
+        if stopping.is_set():  # else a process that came up just now would outlive ``kill_all``
+            return _failure("crash", "the batch was stopped")
         self.busy = True
         try:
             found: Failure | None = self._executor.submit(run_task, task).result(care.timeout)
@@ -115,7 +118,6 @@ def _failure(kind: str, error: str) -> Failure:
 
 _mine = threading.local()
 _workers: list[Worker] = []
-stopping = threading.Event()
 
 
 def supervise(task: Task, care: Care) -> Outcome:
