@@ -92,6 +92,7 @@ def write_table(out: Path) -> Path:
 def _schema(rows: list[Row]) -> Any:
     """Types by column: what the result's fields are declared as, else that of what is there."""
     declared = {name: field.annotation for name, field in Result.model_fields.items()}
+    declared["demand_vehicles"] = declared.pop("demand")
     fields = []
     for key in rows[0]:
         kind: Any = declared.get(key)
