@@ -67,7 +67,7 @@ def test_a_batch_is_what_its_runs_are_alone_and_runs_once(command, small_net):
 
 
 def test_killed_and_interrupted_batches_go_on(command, small_net):
-    write_suite(command, small_net, horizon=900)
+    write_suite(command, small_net, horizon=300)
     options = ("small.toml", "--workers", 1)
     whole = command("batch", *options, "--out", "whole")
     assert whole.returncode == 0, whole.stderr
@@ -100,7 +100,7 @@ def test_killed_and_interrupted_batches_go_on(command, small_net):
 
 
 def test_a_killed_worker_costs_its_run_only(command, small_net):
-    write_suite(command, small_net, horizon=900, seeds="[0]")
+    write_suite(command, small_net, horizon=300, seeds="[0]")
     out = command.cwd / "b"
     process = start(command, "small.toml", "--workers", 1, "--retries", 1, "--out", "b")
     wait_for(lambda: begun(out))

@@ -48,7 +48,7 @@ def cluster(tmp_path):
 
 def test_two_workers_one_killed_midway(command, small_net, cluster):
     address, (victim, _) = cluster
-    write_suite(command, small_net, horizon=900)
+    write_suite(command, small_net, horizon=300)
     alone = command("batch", "small.toml", "--workers", 1, "--out", "alone")
     assert alone.returncode == 0, alone.stderr
 

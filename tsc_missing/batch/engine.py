@@ -77,7 +77,10 @@ def _check_workers(client: Any, address: str, out: Path) -> None:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         raise UserError(CLUSTER, address, "the scheduler there has no workers") from None
-    there = client.run(_look, out.resolve())
+    try:
+        there = client.run(_look, out.resolve())
+    except ImportError as error:
+        raise UserError(CLUSTER, address, f"its workers lack a package: {error}") from None
     for name, found in there.items():
         if found["versions"] != versions():
             raise UserError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from tsc_missing.batch.check import available, check_scenarios
 from tsc_missing.batch.engine import Engine, alive_file, cluster_engine, local_engine, run_tasks
 from tsc_missing.batch.folder import (
+    PLAN,
     Failure,
     Plan,
     check_folder,
@@ -94,30 +95,29 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
     early, the runs that are finished stay and the table tells of them. Where it cannot start
     (``UserError``) a new folder goes away again.
     """
-    new = not batch.out.exists()
-    try:
-        _run_batch(batch, means, watch)
-    except UserError:
-        if new:
-            shutil.rmtree(batch.out, ignore_errors=True)
-        raise
+    with held(batch.out):
+        new = not (batch.out / PLAN).exists()
+        try:
+            _run_batch(batch, means, watch)
+        except UserError:
+            if new:
+                shutil.rmtree(batch.out, ignore_errors=True)
+            raise
     failures = {run.name: read_failure(batch.out, run.name) for run in batch.suite.runs}
     return {name: failure for name, failure in failures.items() if failure is not None}
 
 
 def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
     out = batch.out
-    with held(out):
-        plan = Plan(suite=batch.suite, lacking=batch.lacking, command=means.command)
-        write_plan(out, plan)
+    write_plan(out, Plan(suite=batch.suite, lacking=batch.lacking, command=means.command))
+    clear_leftovers(out)
+    for name in batch.finished:
+        forget_failure(out, name)
+    try:
+        _run_missing(batch, means, watch)
+    finally:
         clear_leftovers(out)
-        for name in batch.finished:
-            forget_failure(out, name)
-        try:
-            _run_missing(batch, means, watch)
-        finally:
-            clear_leftovers(out)
-            write_table(out)
+        write_table(out)
 
 
 def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:
