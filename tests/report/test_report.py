@@ -96,7 +96,7 @@ def results(tmp_path):
 def test_tables(results):
     table = cells(result_table(results, "jinan_1", "att_all"))
     assert table["Diff\\_Light"]["none"] == "**293.0 ± 1.7**"
-    assert table["max-queue"]["random 50 %"] == "313.0 ± 1.7"
+    assert table["max-queue"]["random 50 %"] == "<ins>313.0 ± 1.7</ins>"
     assert table["rate 50"]["random 10 %"] == "310.0 ± 1.7"
     assert table["max-queue"]["kriging 25 %"] == "<ins>308.0 ± 1.7</ins>"
     assert table["delay\\_based°"]["none"] == "203.0 ± 1.7"  # sees everything: not ranked
