@@ -24,7 +24,13 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
     there = []
     for run in runs:
         settings = run.settings
-        key = (settings.controller, settings.imputer, settings.blind, settings.diffusion)
+        key = (
+            settings.controller,
+            settings.imputer,
+            settings.blind,
+            settings.diffusion,
+            settings.q_weights,
+        )
         if key not in problems:
             problems[key] = _problem(run)
         problem = problems[key]
@@ -54,7 +60,13 @@ def _problem(run: RunSpec) -> UserError | None:
     if settings.controller in NATIVE:
         return None
     try:
-        make_controller(settings.controller, settings.imputer, settings.blind, settings.diffusion)
+        make_controller(
+            settings.controller,
+            settings.imputer,
+            settings.blind,
+            settings.diffusion,
+            settings.q_weights,
+        )
     except UserError as error:
         return error
     return None

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from tsc_missing.batch.suite import RunSpec, Suite
-from tsc_missing.controllers.registry import uses_weights
+from tsc_missing.controllers.registry import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import checksums
 from tsc_missing.evaluation.run_folder import RUN
@@ -133,8 +133,7 @@ def finished_runs(
         wanted = settings.model_dump(mode="json")
         if not any_version or set(record["settings"]) == set(wanted):
             _same("settings", record.get("settings"), wanted, out, spec.name)
-        weights = settings.diffusion.weights if uses_weights(settings) else None
-        key = (settings.net, settings.demand, weights)
+        key = (settings.net, settings.demand, weights_of(settings))
         if key not in known:
             known[key] = checksums(settings, scenarios[spec.name])
         _same("checksums", record.get("checksums"), known[key], out, spec.name)

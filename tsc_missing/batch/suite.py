@@ -22,7 +22,13 @@ from tsc_missing.paths import bundled
 FIELD = "suite"
 TOP = ("title", "about", "paper", "methods", "runs")
 ABOUT_METHODS = ("paper", "train", "trained")
-METHOD_GROUPS = ("controller", "imputer", "blind", "diffusion")  # settings that make a method
+METHOD_GROUPS = (
+    "controller",
+    "imputer",
+    "blind",
+    "diffusion",
+    "q_weights",
+)  # settings that make a method
 
 
 class RunSpec(Settings):

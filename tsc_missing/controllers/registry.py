@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
@@ -58,17 +57,22 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
 }
 
 
+def weights_of(settings: RunSettings) -> tuple[str, ...]:
+    """The names or paths of the weights that a run's controller and imputer use; often none."""
+    name, q_weights = settings.controller, settings.q_weights
+    if name == DIFFLIGHT:
+        value = (VALUE if q_weights == "auto" else q_weights,)
+        by_value = settings.diffusion.scoring == "value"
+        return (settings.diffusion.weights, *(value if by_value else ()))
+    found = (name if q_weights == "auto" else q_weights,) if name in LEARNED else ()
+    fills = name in LEARNED or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
+    imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
+    return (*found, *imputer)
+
+
 def uses_weights(settings: RunSettings) -> bool:
     """Whether the run's controller, or the imputer that it is composed with, is a trained model."""
-    if settings.controller == DIFFLIGHT:
-        return True
-    entry = CONTROLLERS.get(settings.controller)
-    return settings.imputer == DIFFUSION and entry is not None and entry.needs_values
-
-
-def find_run_weights(settings: RunSettings) -> Path | None:
-    """The weights file that a run uses, if any; ``UserError`` where it is not there."""
-    return find_weights(settings.diffusion.weights) if uses_weights(settings) else None
+    return bool(weights_of(settings))
 
 
 def make_controller(

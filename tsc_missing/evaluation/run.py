@@ -7,7 +7,7 @@ from pathlib import Path
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.fallback import Safe
-from tsc_missing.controllers.registry import NATIVE, find_run_weights, make_controller
+from tsc_missing.controllers.registry import NATIVE, make_controller, weights_of
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
@@ -19,6 +19,7 @@ from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
 from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.versions import git_revision, versions
+from tsc_missing.weights.find import find_weights
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,7 @@ def _write(
 
 def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
     """The SHA-256 of every file that the run reads: network, demand, and weights if it uses any."""
-    weights = find_run_weights(settings)
-    used = {f"weights: {weights.name}": sha256(weights)} if weights is not None else {}
+    used = {f"weights: {name}": sha256(find_weights(name)) for name in weights_of(settings)}
     return {**scenario.checksums(), **used}
 
 
