@@ -50,7 +50,7 @@ def command(tmp_path) -> Command:
             env=environment,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=300,
             **options,
         )
 

@@ -64,9 +64,30 @@ def check_writable(folder: Path, field: str) -> None:
         raise UserError(field, folder, f"no permission to write in {parent}")
 
 
+def sync(path: Path) -> None:
+    """Have a file or folder on the disk before this returns."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file that is whole, with the old or the new content, at any moment."""
+    temporary = path.with_name(f".{path.name}.new")
+    temporary.write_bytes(content)
+    sync(temporary)
+    temporary.replace(path)
+
+
 @contextlib.contextmanager
-def whole_folder(folder: Path, field: str) -> Iterator[Path]:
-    """A temporary folder that becomes ``folder`` when the block ends well, and else goes away."""
+def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Path]:
+    """A temporary folder that becomes ``folder`` when the block ends well, and else goes away.
+
+    ``durable``: what is in it is on the disk before it gets its name, so that not even a loss of
+    power leaves a folder that is not whole.
+    """
     check_writable(folder, field)
     made = [p for p in [folder.absolute(), *folder.absolute().parents][1:] if not p.exists()]
     temporary: Path | None = None
@@ -75,6 +96,9 @@ def whole_folder(folder: Path, field: str) -> Iterator[Path]:
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
         temporary.chmod(0o755)
         yield temporary
+        if durable:
+            for path in (*temporary.rglob("*"), temporary):
+                sync(path)
         temporary.rename(folder)
     except BaseException as error:
         if temporary is not None:

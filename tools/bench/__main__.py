@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from tools.bench.batch import bench_batch
 from tools.bench.case import Case, Wanted, make_case
 from tools.bench.costs import bench_costs
 from tools.bench.loop import bench_loop
@@ -25,6 +26,7 @@ class Name(StrEnum):
     LOOP = "loop"
     SUMO_RL = "sumo-rl"
     COSTS = "costs"
+    BATCH = "batch"
 
 
 Bench = Callable[[Case, int, Callable[[str], None]], dict[str, Any]]
@@ -32,13 +34,16 @@ BENCHES: dict[Name, Bench] = {
     Name.LOOP: bench_loop,
     Name.SUMO_RL: bench_rl,
     Name.COSTS: bench_costs,
+    Name.BATCH: bench_batch,
 }
 
 
 def main(
     names: Annotated[
         list[Name] | None,
-        typer.Argument(help="loop: against the bare simulator; sumo-rl; costs: where time goes."),
+        typer.Argument(
+            help="loop: against bare SUMO; sumo-rl; costs: where time goes; batch: tsc-batch."
+        ),
     ] = None,
     net: Annotated[str, typer.Option(help="As of tsc-run.")] = "jinan",
     demand: Annotated[str, typer.Option(help="As of tsc-run.")] = "auto",

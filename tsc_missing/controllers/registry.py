@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tsc_missing.config import DiffusionSettings
+from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
@@ -55,6 +55,24 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
 }
+
+
+def weights_of(settings: RunSettings) -> tuple[str, ...]:
+    """The names or paths of the weights that a run's controller and imputer use; often none."""
+    name, q_weights = settings.controller, settings.q_weights
+    if name == DIFFLIGHT:
+        value = (VALUE if q_weights == "auto" else q_weights,)
+        by_value = settings.diffusion.scoring == "value"
+        return (settings.diffusion.weights, *(value if by_value else ()))
+    found = (name if q_weights == "auto" else q_weights,) if name in LEARNED else ()
+    fills = name in LEARNED or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
+    imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
+    return (*found, *imputer)
+
+
+def uses_weights(settings: RunSettings) -> bool:
+    """Whether the run's controller, or the imputer that it is composed with, is a trained model."""
+    return bool(weights_of(settings))
 
 
 def make_controller(

@@ -7,11 +7,11 @@ from pathlib import Path
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.fallback import Safe
-from tsc_missing.controllers.registry import NATIVE, make_controller
+from tsc_missing.controllers.registry import NATIVE, make_controller, weights_of
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
-from tsc_missing.files import whole_folder
+from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import BoolArray
 from tsc_missing.sensing.masks import load_mask
 from tsc_missing.sensing.patterns import draw_mask
@@ -19,6 +19,7 @@ from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
 from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.versions import git_revision, versions
+from tsc_missing.weights.find import find_weights
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Options:
     decisions: bool = True  # write decisions.parquet
     mask_file: Path | None = None  # replay this mask instead of drawing one
     engine: EngineName = "libsumo"
+    durable: bool = False  # the run folder is on the disk before it gets its name
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def execute(prepared: Prepared, watch: Watch | None = None) -> Result:
     """Run it; the run folder, where one is wanted, is whole or not there."""
     if prepared.options.out is None:
         return _execute(prepared, None, watch)
-    with whole_folder(prepared.options.out, "out") as folder:
+    with whole_folder(prepared.options.out, "out", prepared.options.durable) as folder:
         return _execute(prepared, folder, watch)
 
 
@@ -114,6 +116,12 @@ def _write(
         write_decisions(folder, prepared.scene, trace)
 
 
+def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
+    """The SHA-256 of every file that the run reads: network, demand, and weights if it uses any."""
+    used = {f"weights: {name}": sha256(find_weights(name)) for name in weights_of(settings)}
+    return {**scenario.checksums(), **used}
+
+
 def describe(prepared: Prepared, result: Result) -> dict[str, object]:
     """The content of ``run.json``: settings, what they resolved to, versions, result."""
     scenario = prepared.scenario
@@ -124,7 +132,7 @@ def describe(prepared: Prepared, result: Result) -> dict[str, object]:
         "demand": scenario.demand_kind,
         "engine": prepared.options.engine,
         "mask": "replayed" if prepared.options.mask_file else "drawn",
-        "checksums": scenario.checksums(),
+        "checksums": checksums(prepared.settings, scenario),
         "versions": versions(),
         "git": git_revision(),
         "fallback_error": controller.last_error if isinstance(controller, Safe) else "",

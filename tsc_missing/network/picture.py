@@ -80,7 +80,7 @@ def draw_network(
     layout = choose_layout(sizes, len(entries) + names, colours, caption)
     figure = Figure(figsize=layout.figure, dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = _map_axes(figure, layout, sizes)
+    axes = map_axes(figure, layout, sizes)
     draw_roads(axes, roads, sizes)
     if coverage is not None:
         draw_lanes(axes, network, roads, sizes, layout.points, coverage, shares)
@@ -128,7 +128,7 @@ def choose_layout(sizes: Sizes, lines: int, colours: bool, caption: str) -> Layo
     )
 
 
-def _map_axes(figure: Figure, layout: Layout, sizes: Sizes) -> Axes:
+def map_axes(figure: Figure, layout: Layout, sizes: Sizes) -> Axes:
     """The axes in metres that fill the map's place."""
     wide, high = layout.figure
     left, bottom, width, height = layout.map

@@ -121,19 +121,30 @@ def round_length(most: float) -> float:
     return float(max(step * power for step in (1, 2, 5) if step * power <= most * (1 + 1e-9)))
 
 
-def add_colour_bar(figure: Figure, corner: Inches, width: float, shares: Normalize) -> None:
-    """The colours of the shares of missing readings; ``corner`` is the bar's top left."""
+def add_colour_bar(
+    figure: Figure,
+    corner: Inches,
+    width: float,
+    shares: Normalize,
+    words: str = "share of missing readings",
+    colours: str = SHARES,
+    percent: bool = True,
+) -> None:
+    """The colours of the shares of missing readings, or of what the ``words`` say.
+
+    ``corner`` is the bar's top left.
+    """
     x, y = _share(figure, (corner[0], corner[1] - 0.14))
     wide, high = _share(figure, (width, 0.14))
     axes = figure.add_axes((x, y, wide, high), label="colour bar")
     bar = figure.colorbar(
-        ScalarMappable(shares, SHARES),
+        ScalarMappable(shares, colours),
         cax=axes,
         orientation="horizontal",
         ticks=MaxNLocator(5, steps=[1, 2, 5, 10]),
-        format=PercentFormatter(1.0, decimals=0, symbol=" %"),
+        format=PercentFormatter(1.0, decimals=0, symbol=" %") if percent else None,
     )
-    bar.set_label("share of missing readings", size=9.5, color=INK)
+    bar.set_label(words, size=9.5, color=INK)
     bar.outline.set_linewidth(0.6)
     axes.tick_params(labelsize=9, labelcolor=INK, color=INK, length=3)
 

@@ -9,6 +9,7 @@ FOLDER = Path(__file__).resolve().parent
 FILE = "weights.safetensors"
 FIELD = "weights"
 DEFAULT = "universal"
+COMMAND = f"tsc-train {DEFAULT}"  # makes the default weights
 
 
 def packaged_weights() -> list[str]:

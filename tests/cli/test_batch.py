@@ -1,0 +1,206 @@
+"""``tsc-batch`` as it is used: the real command line, real SUMO, processes that get killed."""
+
+import json
+import os
+import re
+import signal
+
+import pytest
+
+from tests.batch.cases import (
+    PATIENCE,
+    begun,
+    finished,
+    half_written,
+    rows,
+    runners,
+    start,
+    wait_for,
+    write_suite,
+)
+
+LONG = 600_000  # [s] a horizon that no test waits for
+
+
+def test_a_batch_is_what_its_runs_are_alone_and_runs_once(command, small_net):
+    write_suite(command, small_net)
+    done = command("batch", "small.toml", "--out", "b", "--workers", 1, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {
+        "out": "b",
+        "table": "b/results.parquet",
+        "runs": 4,
+        "finished": 4,
+        "failed": {},
+        "lacking": {},
+    }
+    out = command.cwd / "b"
+    table = rows(out)
+    name = "small-random-0.5-held-seed1"
+    assert len(table) == 4
+    assert table[name]["status"] == "finished"
+    assert table[name]["imputer"] == "last"
+    assert table[name]["demand"] == "auto"
+    assert table[name]["demand_vehicles"] > 0
+    assert "libsumo" in table[name]["versions"]
+    assert "net.net.xml" in table[name]["checksums"]
+
+    alone = command(
+        *("run", "--net", small_net, "--horizon", 90, "--seed", 1, "--imputer", "last"),
+        *("--missing", "random", "--rate", 0.5, "--out", "alone"),
+    )
+    assert alone.returncode == 0, alone.stderr
+    folder = out / "runs" / name
+    for file in ("trips.parquet", "mask.npz"):
+        assert (command.cwd / "alone" / file).read_bytes() == (folder / file).read_bytes()
+    assert json.loads((folder / "run.json").read_text())["settings"]["seed"] == 1
+
+    masks = {run: row["mask.npz_sha256"] for run, row in table.items()}
+    assert masks[name] == masks["small-random-0.5-max-queue-seed1"]
+    assert masks[name] != masks["small-random-0.5-held-seed0"]
+
+    made = {path.name: path.stat().st_mtime_ns for path in (out / "runs").iterdir()}
+    again = command("batch", "small.toml", "--out", "b")
+    assert again.returncode == 0, again.stderr
+    assert {path.name: path.stat().st_mtime_ns for path in (out / "runs").iterdir()} == made
+    assert rows(out) == table
+
+
+def test_killed_and_interrupted_batches_go_on(command, small_net):
+    write_suite(command, small_net, horizon=300)
+    options = ("small.toml", "--workers", 1)
+    whole = command("batch", *options, "--out", "whole")
+    assert whole.returncode == 0, whole.stderr
+
+    out = command.cwd / "b"
+    first = start(command, *options, "--out", "b")
+    wait_for(lambda: finished(out) and half_written(out))
+    first.kill()
+    first.communicate()
+    there = {name: (out / "runs" / name).stat().st_ino for name in finished(out)}
+    assert 0 < len(there) < 4
+
+    second = start(command, *options, "--out", "b")
+    wait_for(lambda: len(finished(out)) > len(there))
+    workers = runners(second.pid)
+    second.send_signal(signal.SIGINT)
+    _, errors = second.communicate(timeout=PATIENCE)
+    assert second.returncode == 130, errors
+    assert re.search(r"interrupted with [2-4] of 4 runs; the same command goes on\n$", errors)
+    assert half_written(out) == []
+    wait_for(lambda: not any(os.path.exists(f"/proc/{pid}/exe") for pid in workers))  # noqa: PTH110
+    assert len(rows(out)) == 4
+
+    third = command("batch", *options, "--out", "b")
+    assert third.returncode == 0, third.stderr
+    assert rows(out) == rows(command.cwd / "whole")
+    assert {name: (out / "runs" / name).stat().st_ino for name in there} == there
+    assert half_written(out) == []
+    assert list(out.glob(".alive-*")) == []
+
+
+def test_a_killed_worker_costs_its_run_only(command, small_net):
+    write_suite(command, small_net, horizon=300, seeds="[0]")
+    out = command.cwd / "b"
+    process = start(command, "small.toml", "--workers", 1, "--retries", 1, "--out", "b")
+    wait_for(lambda: begun(out))
+    (worker,) = runners(process.pid)
+    os.kill(worker, signal.SIGKILL)
+    text, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, errors
+    assert "2 of 2 runs finished" in text
+    assert {row["status"] for row in rows(out).values()} == {"finished"}
+
+
+def test_a_crash_is_recorded_and_stops_nobody(command, small_net):
+    write_suite(command, small_net, horizon=f"[90, {LONG}]", methods='"max-queue"', seeds="[0]")
+    out = command.cwd / "b"
+    process = start(command, "small.toml", "--workers", 2, "--out", "b", "--retries", 0)
+    wait_for(lambda: begun(out) and finished(out))
+    busy = command("batch", "small.toml", "--out", "b")
+    assert busy.returncode == 2
+    assert "another tsc-batch is running in it" in busy.stderr
+    for worker in runners(process.pid):
+        os.kill(worker, signal.SIGKILL)
+    text, _ = process.communicate(timeout=PATIENCE)
+    long = f"small-horizon_{LONG}-random-0.5-max-queue-seed0"
+    assert process.returncode == 1
+    assert "1 of 2 runs finished" in text
+    assert f"failed: {long}: its process ended with SIGKILL(-9)" in text
+    row = rows(out)[long]
+    assert (row["status"], row["attempts"], row["att_all"]) == ("failed", 1, None)
+    assert row["error"] == "its process ended with SIGKILL(-9)"
+    assert half_written(out) == []
+
+
+def test_a_time_out_is_recorded_after_retries(command, small_net):
+    write_suite(command, small_net, horizon=LONG, methods='"max-queue"', seeds="[0]")
+    options = ("small.toml", "--out", "b", "--workers", 1, "--timeout", 2, "--retries", 1)
+    done = command("batch", *options)
+    assert done.returncode == 1
+    assert "0 of 1 runs finished" in done.stdout
+    (row,) = rows(command.cwd / "b").values()
+    assert (row["status"], row["attempts"]) == ("failed", 2)
+    assert row["error"] == "it took more than 2 s"
+    assert half_written(command.cwd / "b") == []
+
+
+def refused(command, *arguments, words):
+    """``tsc-batch`` with a user's mistake: one line, nothing is left."""
+    before = sorted(command.cwd.rglob("*"))
+    done = command("batch", *arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert sorted(command.cwd.rglob("*")) == before
+
+
+def test_mistakes_are_found_before_anything_starts(command, small_net):
+    write_suite(command, small_net, seeds="[]")
+    refused(command, "small.toml", words=["runs 1.seed", "it has no value"])
+    write_suite(command, small_net, methods='["max-queue", "BC"]')
+    refused(command, "small.toml", words=["BC (`tsc-train bc`) have no weights", "--skip-unavail"])
+    done = command("batch", "small.toml", "--skip-unavailable", "--list")
+    assert done.returncode == 0
+    assert "left out, no weights: BC (`tsc-train bc`)" in done.stderr
+    assert done.stdout.count("to run") == 2
+    assert not (command.cwd / "runs").exists()
+    (command.cwd / "other").mkdir()
+    (command.cwd / "other" / "file").touch()
+    write_suite(command, small_net)
+    refused(command, "small.toml", "--out", "other", words=["--out", "something else is in it"])
+    rate = ("--set", "missing={pattern='kriging', rate=0.9}")
+    refused(command, "small.toml", *rate, words=["rate", "0.9", "at most 3 of the 6"])
+
+
+def test_results_of_other_versions_settings_and_inputs(command, small_net):
+    write_suite(command, small_net, methods='"max-queue"', seeds="[0]", horizon=45)
+    done = command("batch", "small.toml", "--out", "b")
+    assert done.returncode == 0, done.stderr
+    words = ["holds runs/small-random-0.5-max-queue-seed0 with other settings", "horizon was 45"]
+    refused(command, "small.toml", "--out", "b", "--set", "horizon=60", words=words)
+    path = command.cwd / "b" / "runs" / "small-random-0.5-max-queue-seed0" / "run.json"
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "checksums": {"net.net.xml": "0"}}))
+    refused(command, "small.toml", "--out", "b", words=["other checksums", "net.net.xml was 0"])
+    path.write_text(json.dumps({**record, "versions": {"libsumo": "1.0"}}))
+    words = ["other versions", "libsumo was 1.0", "--any-version"]
+    refused(command, "small.toml", "--out", "b", "--list", words=["other versions"])
+    path.write_text(json.dumps({**record, "versions": {**record["versions"], "libsumo": "1.0"}}))
+    refused(command, "small.toml", "--out", "b", words=words)
+    kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
+    assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1"])
+def test_a_cluster_that_is_not_there(command, small_net, address):
+    pytest.importorskip("distributed", reason="Dask is not installed (the extra cluster)")
+    write_suite(command, small_net)
+    done = command("batch", "small.toml", "--out", "b", "--cluster", address)
+    assert done.returncode == 2
+    assert f"--cluster: {address}" in done.stderr
+    assert "no Dask scheduler answers there" in done.stderr
+    assert not (command.cwd / "b").exists()

@@ -1,0 +1,225 @@
+"""Reports: their numbers, their figures, and the command."""
+
+import base64
+import html.parser
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.report.cases import make_batch
+from tsc_missing.batch.table import write_table
+from tsc_missing.report.figures import _generalisation
+from tsc_missing.report.markdown import escaped, mean_words, signed
+from tsc_missing.report.paper import paper_table
+from tsc_missing.report.queue_map import map_runs
+from tsc_missing.report.results import read_results
+from tsc_missing.report.statistics import mean_of, paired, ratio_of
+from tsc_missing.report.style import looks
+from tsc_missing.report.tables import (
+    best_conventional,
+    comparison_table,
+    pooled_table,
+    ranking,
+    result_table,
+)
+
+positive = st.floats(1.0, 1e4)
+
+
+def cells(lines):
+    """The cells of a Markdown table by its first column and header."""
+    rows = [[c.strip() for c in line.strip("| ").split(" | ")] for line in lines if line]
+    return {row[0]: dict(zip(rows[0][1:], row[1:], strict=True)) for row in rows[2:]}
+
+
+def test_mean_and_standard_error():
+    mean = mean_of([1.0, 2.0, 3.0])
+    assert (mean.value, mean.n) == (2.0, 3)
+    assert mean.error == pytest.approx(1 / np.sqrt(3))
+    assert mean_words(mean) == "2.0 ± 0.6"
+    assert mean_words(mean_of([4.0])) == "4.0"
+    assert mean_of([]) is None
+
+
+@given(st.lists(st.tuples(positive, positive), min_size=2, max_size=6), st.floats(0.5, 2))
+def test_ratios_hold_what_they_say(pairs, factor):
+    pairs = np.array(pairs)
+    ratio = ratio_of([pairs])
+    assert ratio.value == pytest.approx(pairs[:, 0].mean() / pairs[:, 1].mean())
+    low, high = ratio.interval
+    each = pairs[:, 0] / pairs[:, 1]
+    assert each.min() - 1e-9 <= low <= high <= each.max() + 1e-9
+    scaled = ratio_of([pairs * [factor, 1]])
+    assert scaled.value == pytest.approx(factor * ratio.value)
+    constant = ratio_of([np.column_stack([factor * pairs[:, 1], pairs[:, 1]])])
+    assert constant.interval == pytest.approx((factor, factor))
+
+
+def test_ratios_over_strata_and_pairs():
+    one, other = np.array([[2.0, 1.0]]), np.array([[1.0, 2.0]])
+    assert ratio_of([one, other]).value == pytest.approx(1.0)
+    assert ratio_of([one]).interval is None
+    assert ratio_of([np.zeros((0, 2))]) is None
+    assert paired({1: 5.0, 0: 4.0}, {1: 7.0, 2: 8.0}).tolist() == [[5.0, 7.0]]
+
+
+def test_bootstrap_intervals_cover():
+    """Of intervals of 20 normal pairs about as many hold the true ratio as they promise."""
+    rng = np.random.default_rng(3)
+    held = 0
+    for _ in range(100):
+        shared = rng.normal(300, 20, 20)
+        pairs = np.column_stack([0.9 * shared, shared]) + rng.normal(0, 5, (20, 2))
+        low, high = ratio_of([pairs]).interval
+        held += low <= 0.9 <= high
+    assert 85 <= held <= 99
+
+
+def test_equal_as_printed_is_equal_in_rank():
+    assert ranking({"a": 1.04, "b": 1.02, "c": 2.0, "d": 3.0}, 1) == {
+        "a": 0,
+        "b": 0,
+        "c": 1,
+        "d": 2,
+    }
+    assert ranking({"a": 1.0}, 1) == {}
+
+
+@pytest.fixture
+def results(tmp_path):
+    return read_results([make_batch(tmp_path / "b", tmp_path)])
+
+
+def test_tables(results):
+    table = cells(result_table(results, "jinan_1", "att_all"))
+    assert table["Diff\\_Light"]["none"] == "**293.0 ± 1.7**"
+    assert table["max-queue"]["random 50 %"] == "<ins>313.0 ± 1.7</ins>"
+    assert table["rate 50"]["random 10 %"] == "310.0 ± 1.7"
+    assert table["max-queue"]["kriging 25 %"] == "<ins>308.0 ± 1.7</ins>"
+    assert table["delay\\_based°"]["none"] == "203.0 ± 1.7"  # sees everything: not ranked
+    assert table["rate 10"]["none"] == "–"
+
+    assert best_conventional(results, "jinan_1", "random 50 %", "att_all") == "max-queue"
+    compared = cells(comparison_table(results, "jinan_1", "att_all"))
+    assert compared["max-queue"]["none"] == "best"
+    assert compared["*against*"]["kriging 25 %"] == "max-queue"
+    assert compared["max-pressure"]["none"].startswith("+16.5 % [+16.")
+    assert compared["Diff\\_Light"]["none"].startswith("−3.3 % [−3.")
+    pooled = cells(pooled_table(results, "att_all"))
+    assert pooled["Diff\\_Light"]["cases better"] == "3 of 3"
+    assert pooled["max-queue"]["pairs"] == "9"
+
+
+def test_the_paper_beside_ours(results):
+    lines = paper_table(results)
+    row = next(line for line in lines if "kriging" in line)
+    words = [word.strip() for word in row.strip("| ").split(" | ")]
+    assert words[:3] == ["jinan\\_1", "kriging 25 %", "Diff\\_Light"]
+    paper, ours, quotient = map(float, words[3:])
+    assert paper == pytest.approx(329.67 / 268.9, abs=5e-4)
+    assert ours == pytest.approx((290 + 5 + 3 - 60) / (300 + 3 - 60), abs=5e-4)
+    assert quotient == pytest.approx(ours / paper, abs=2e-3)
+
+
+def test_generalisation_is_relative_to_the_tested_rate(results):
+    cases = ["random 10 %", "random 50 %"]
+    trained = {"random 10 %": "rate 10", "random 50 %": "rate 50"}
+    matrix = _generalisation(results, "jinan_1", cases, trained, "att_all")
+    np.testing.assert_allclose(
+        matrix, [[1, (310 + 50 + 3) / (305 + 10 + 3)], [(305 + 2 + 3) / (310 + 10 + 3), 1]]
+    )
+
+
+def test_maps_are_of_blind_intersections(results):
+    (run,) = map_runs(results, "att_all")
+    assert run.spec.name == "jinan_1-kriging-0.25-Diff_Light-seed0"
+
+
+def test_no_two_methods_look_alike():
+    names = [f"method {k}" for k in range(40)]
+    assert len(set(looks(names).values())) == 40
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"), [("a|b", "a\\|b"), ("<b>", "&lt;b&gt;"), ("_x_", "\\_x\\_")]
+)
+def test_text_is_shown_as_it_is(text, shown):
+    assert escaped(text) == shown
+
+
+def test_signs():
+    assert [signed(x) for x in (-0.04, 0.04, -1.25, 3)] == ["+0.0", "+0.0", "−1.2", "+3.0"]
+
+
+class Sources(html.parser.HTMLParser):
+    """What a page loads and which headings it has."""
+
+    def __init__(self):
+        super().__init__()
+        self.sources = []
+
+    def handle_starttag(self, tag, attrs):
+        self.sources += [value for name, value in attrs if name in ("src", "href")]
+
+
+def test_the_command_makes_a_report_and_replaces_it(command, tmp_path):
+    out = make_batch(command.cwd / "b", tmp_path, decisions=True, skip="max-pressure-seed2")
+    done = command("report", "b")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "b/report/report.md\nb/report/report.html\n"
+    text = (out / "report" / "report.md").read_text()
+    assert text.startswith("# Made \\| up\n\nOf <no> meaning.")
+    assert "**4 of 60 runs not run:**" in text
+    assert "(2 of 3)" in text
+    assert "tsc-batch made-up.toml" in text
+    assert "tsc-report b" in text
+    figures = {path.stem for path in (out / "report" / "figures").iterdir()}
+    wanted = {"missing-rate", "generalisation", "imputation", "queues"}
+    assert figures == {*wanted, "map-jinan_1-kriging-0.25-Diff_Light-seed0"}
+    assert set(re.findall(r"figures/([^)]*)\.png", text)) == figures
+    page = (out / "report" / "report.html").read_text()
+    found = Sources()
+    found.feed(page)
+    assert len(found.sources) == len(figures)
+    for source in found.sources:
+        kind, _, data = source.partition(";base64,")
+        assert kind == "data:image/svg+xml"
+        assert base64.b64decode(data).lstrip().startswith(b"<?xml")
+    assert "<td" in page
+
+    again = command("report", "b", "--metric", "att_approach")
+    assert again.returncode == 0, again.stderr
+    assert "`att_approach` as mean" in (out / "report" / "report.md").read_text()
+    assert sorted(p.name for p in out.iterdir()) == ["batch.json", "failures", "report", "runs"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing"], ["results: nothing", "no folder of tsc-batch"]),
+        (["b", "--metric", "att_al"], ["--metric", "did you mean att_all?"]),
+        (["b", "--out", "other"], ["--out", "something else is in it"]),
+        (["b", "b"], ["results", "same method, case and seed"]),
+    ],
+)
+def test_mistakes(command, tmp_path, arguments, words):
+    make_batch(command.cwd / "b", tmp_path)
+    (command.cwd / "other").mkdir()
+    (command.cwd / "other" / "file").touch()
+    before = sorted(command.cwd.rglob("*"))
+    done = command("report", *arguments)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    for word in words:
+        assert word in done.stderr
+    assert sorted(command.cwd.rglob("*")) == before
+
+
+def test_a_table_of_nothing_finished(tmp_path):
+    out = make_batch(tmp_path / "b", tmp_path, skip="jinan")
+    write_table(out)
+    with pytest.raises(Exception, match="no run in it is finished"):
+        read_results([out])

@@ -1,0 +1,1 @@
+"""Batches: suites of runs, worker processes that run them, and the table of their results."""

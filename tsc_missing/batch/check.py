@@ -1,0 +1,96 @@
+"""What of a suite cannot run, found before anything starts."""
+
+from collections.abc import Iterable, Sequence
+
+from tsc_missing.batch.suite import RunSpec
+from tsc_missing.controllers.registry import NATIVE, make_controller
+from tsc_missing.errors import UserError
+from tsc_missing.evaluation.scenario import Scenario, find_scenario
+from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.weights.find import COMMAND
+from tsc_missing.weights.find import FIELD as WEIGHTS
+
+METHODS = "methods"
+
+
+def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...], dict[str, str]]:
+    """The runs whose weights are there, and the methods without any with what makes them.
+
+    Unless they are to be skipped, ``UserError`` names those methods and the commands that make
+    their weights.
+    """
+    lacking: dict[str, str] = {}
+    problems: dict[tuple[object, ...], UserError | None] = {}
+    there = []
+    for run in runs:
+        settings = run.settings
+        key = (
+            settings.controller,
+            settings.imputer,
+            settings.blind,
+            settings.diffusion,
+            settings.q_weights,
+        )
+        if key not in problems:
+            problems[key] = _problem(run)
+        problem = problems[key]
+        if problem is None:
+            there.append(run)
+        elif problem.field == WEIGHTS or (problem.field == "controller" and run.train):
+            lacking[run.method] = run.train or COMMAND
+        else:
+            raise UserError(f"method {run.method}, {problem.field}", problem.value, problem.allowed)
+    if lacking and not skip:
+        raise UserError(
+            METHODS,
+            lacking_words(lacking),
+            "make them, or run the rest with --skip-unavailable",
+            verdict="have no weights here",
+        )
+    return tuple(there), lacking
+
+
+def lacking_words(lacking: dict[str, str]) -> str:
+    """For example ``BC (`tsc-train bc`), CQL (`tsc-train cql`)``."""
+    return ", ".join(f"{method} (`{command}`)" for method, command in lacking.items())
+
+
+def _problem(run: RunSpec) -> UserError | None:
+    settings = run.settings
+    if settings.controller in NATIVE:
+        return None
+    try:
+        make_controller(
+            settings.controller,
+            settings.imputer,
+            settings.blind,
+            settings.diffusion,
+            settings.q_weights,
+        )
+    except UserError as error:
+        return error
+    return None
+
+
+def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
+    """The scenario of every run by its name; ``UserError`` where a run could not start.
+
+    Each network, demand and pattern of missing data is looked at once.
+    """
+    scenarios: dict[tuple[str, str], Scenario] = {}
+    seen: set[tuple[object, ...]] = set()
+    found = {}
+    for run in runs:
+        settings = run.settings
+        where = (settings.net, settings.demand)
+        if where not in scenarios:
+            scenarios[where] = find_scenario(settings.net, settings.demand)
+        found[run.name] = scenario = scenarios[where]
+        demand = (*where, settings.volume, settings.horizon)
+        if demand not in seen:
+            scenario.demand(settings)
+        mask = (*where, settings.missing)
+        if mask not in seen:
+            draw_mask(settings.missing, scenario.folder.network, 1, settings.seed)
+        seen |= {demand, mask}
+    return found

@@ -1,0 +1,123 @@
+"""Who calls the workers: threads of this process, or a Dask cluster; the same calls for both."""
+
+import concurrent.futures
+import contextlib
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tsc_missing.batch import worker
+from tsc_missing.batch.folder import Failure
+from tsc_missing.batch.task import Task
+from tsc_missing.batch.worker import Care, Outcome, supervise
+from tsc_missing.errors import UserError
+from tsc_missing.versions import versions
+
+CLUSTER = "--cluster"
+PATIENCE = 20.0  # [s] to wait for a cluster to answer, and for its first worker
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Something that runs calls, several at a time."""
+
+    executor: Executor
+    places: Callable[[], int]  # how many calls it can run at a time
+    busy: Callable[[], int]  # how many of this process's workers have a run; 0 on a cluster
+
+
+@contextlib.contextmanager
+def local_engine(workers: int) -> Iterator[Engine]:
+    """A thread for each worker of this machine; ending early ends the workers at once."""
+    worker.stopping.clear()
+    executor = ThreadPoolExecutor(workers, thread_name_prefix="tsc-batch")
+    try:
+        yield Engine(executor, lambda: workers, worker.busy)
+    except BaseException:
+        worker.stopping.set()
+        executor.shutdown(wait=False, cancel_futures=True)
+        worker.kill_all()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+        worker.close_all()
+
+
+@contextlib.contextmanager
+def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
+    """The workers of a Dask cluster that see the folder ``out`` and have these versions."""
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise UserError(
+            CLUSTER, address, "Dask is not installed: pip install 'tsc-missing[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UserError(
+            CLUSTER, address, f"no Dask scheduler answers there ({type(error).__name__})"
+        ) from None
+    with client:
+        _check_workers(client, address, out)
+        executor = client.get_executor(pure=False)
+        try:
+            yield Engine(executor, lambda: sum(client.nthreads().values()), lambda: 0)
+        except BaseException:
+            executor.shutdown(wait=False)  # cancels what waits; what runs sees that it is unwanted
+            raise
+        executor.shutdown()
+
+
+def _check_workers(client: Any, address: str, out: Path) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise UserError(CLUSTER, address, "the scheduler there has no workers") from None
+    try:
+        there = client.run(_look, out.resolve())
+    except ImportError as error:
+        raise UserError(CLUSTER, address, f"its workers lack a package: {error}") from None
+    for name, found in there.items():
+        if found["versions"] != versions():
+            raise UserError(
+                CLUSTER, address, f"its worker {name} has {found['versions']}, here {versions()}"
+            )
+        if not found["sees"]:
+            raise UserError(
+                CLUSTER, address, f"its worker {name} does not see {out}: share the folder"
+            )
+
+
+def _look(out: Path) -> dict[str, Any]:
+    """What a worker of the cluster has."""
+    return {"versions": versions(), "sees": out.is_dir()}
+
+
+def run_tasks(engine: Engine, tasks: Sequence[Task], care: Care) -> Iterator[Outcome]:
+    """The outcome of each task as it ends, in any order."""
+    submit = engine.executor.submit
+    names = {submit(supervise, task, care): task.name for task in tasks}
+    for future in concurrent.futures.as_completed(names):
+        try:
+            yield future.result()
+        except Exception as error:  # the cluster gave it up: worker after worker died of it
+            words = " ".join(str(error).split())
+            failure = Failure(kind="crash", error=f"{type(error).__name__}: {words}")
+            yield Outcome(names[future], failure, 0.0)
+
+
+@contextlib.contextmanager
+def alive_file(out: Path) -> Iterator[Path]:
+    """A file that says that the batch wants its runs; those of earlier batches go away."""
+    for old in out.glob(".alive-*"):
+        old.unlink(missing_ok=True)
+    path = out.resolve() / f".alive-{uuid.uuid4().hex}"
+    path.touch()
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,192 @@
+"""A batch: what is missing of a suite is run, and its table is written."""
+
+import contextlib
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tsc_missing.batch.check import available, check_scenarios
+from tsc_missing.batch.engine import Engine, alive_file, cluster_engine, local_engine, run_tasks
+from tsc_missing.batch.folder import (
+    PLAN,
+    Failure,
+    Plan,
+    check_folder,
+    clear_leftovers,
+    finished_runs,
+    forget_failure,
+    held,
+    read_failure,
+    run_folder,
+    write_failure,
+    write_plan,
+)
+from tsc_missing.batch.suite import RunSpec, Suite
+from tsc_missing.batch.table import write_table
+from tsc_missing.batch.task import Task
+from tsc_missing.batch.worker import Care, Outcome
+from tsc_missing.controllers.registry import uses_weights
+from tsc_missing.errors import UserError
+from tsc_missing.evaluation.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A suite that has been checked and can start."""
+
+    suite: Suite  # its runs that can run
+    lacking: dict[str, str]  # methods left out for want of weights, and what makes these
+    scenarios: dict[str, Scenario]  # by run
+    finished: frozenset[str]  # names of the runs that are there
+    out: Path
+
+    @property
+    def missing(self) -> tuple[RunSpec, ...]:
+        """What is to be run, the longest first."""
+        left = [run for run in self.suite.runs if run.name not in self.finished]
+        return tuple(sorted(left, key=self._length, reverse=True))
+
+    def _length(self, run: RunSpec) -> tuple[bool, int, int]:
+        network = self.scenarios[run.name].folder.network
+        return uses_weights(run.settings), network.n, run.settings.horizon
+
+
+@dataclass(frozen=True)
+class Means:
+    """What a batch is run with; none of it changes a result."""
+
+    workers: int = 1
+    cluster: str | None = None  # the address of a Dask scheduler, instead of own workers
+    care: Care = field(default_factory=Care)
+    decisions: bool = True  # write decisions.parquet
+    command: str = ""  # for the record
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a batch is."""
+
+    done: int  # runs that are there
+    failed: int
+    running: int
+    wanted: int
+    last: Outcome | None  # that ended just now
+
+
+Watch = Callable[[Callable[[], State]], None]
+
+
+def prepare_batch(suite: Suite, out: Path, skip: bool, any_version: bool) -> Batch:
+    """Find everything that is wrong before anything starts, and what is there already."""
+    check_folder(out)
+    runs, lacking = available(suite.runs, skip)
+    scenarios = check_scenarios(runs)
+    finished = finished_runs(out, runs, scenarios, any_version)
+    return Batch(
+        suite.model_copy(update={"runs": runs}), lacking, scenarios, frozenset(finished), out
+    )
+
+
+def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[str, Failure]:
+    """Run what is missing; returns the failures by run.
+
+    ``watch`` is called at the start and whenever a run ended, with what tells the state. Ended
+    early, the runs that are finished stay and the table tells of them. Where it cannot start
+    (``UserError``) a new folder goes away again.
+    """
+    with held(batch.out):
+        new = not (batch.out / PLAN).exists()
+        try:
+            _run_batch(batch, means, watch)
+        except UserError:
+            if new:
+                shutil.rmtree(batch.out, ignore_errors=True)
+            raise
+    failures = {run.name: read_failure(batch.out, run.name) for run in batch.suite.runs}
+    return {name: failure for name, failure in failures.items() if failure is not None}
+
+
+def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
+    out = batch.out
+    write_plan(out, Plan(suite=batch.suite, lacking=batch.lacking, command=means.command))
+    clear_leftovers(out)
+    for name in batch.finished:
+        forget_failure(out, name)
+    try:
+        _run_missing(batch, means, watch)
+    finally:
+        clear_leftovers(out)
+        write_table(out)
+
+
+def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:
+    missing = batch.missing
+    if not missing:
+        return
+    tally = _Tally(batch, watch)
+    with alive_file(batch.out) as alive, _engine(means, batch.out, len(missing)) as engine:
+        tasks = [_task(batch.out, run, means.decisions, alive) for run in missing]
+        tally.start(engine)
+        for outcome in run_tasks(engine, tasks, means.care):
+            _keep(batch.out, outcome)
+            tally.count(outcome)
+
+
+def _engine(means: Means, out: Path, runs: int) -> contextlib.AbstractContextManager[Engine]:
+    if means.cluster is not None:
+        return cluster_engine(means.cluster, out)
+    return local_engine(min(means.workers, runs))
+
+
+def _task(out: Path, run: RunSpec, decisions: bool, alive: Path) -> Task:
+    folder = run_folder(out, run.name).resolve()
+    return Task(run.name, run.settings, folder, decisions, alive)
+
+
+def _keep(out: Path, outcome: Outcome) -> None:
+    """Write down a failure, or forget an earlier one."""
+    if outcome.failure is not None:
+        write_failure(out, outcome.name, outcome.failure)
+    elif run_folder(out, outcome.name).exists():
+        forget_failure(out, outcome.name)
+    else:
+        lost = Failure(
+            kind="crash", error="the worker said that it was done, but the folder is not there"
+        )
+        write_failure(out, outcome.name, lost)
+
+
+class _Tally:
+    """Counts what has ended, for who watches."""
+
+    def __init__(self, batch: Batch, watch: Watch | None) -> None:
+        self._wanted = len(batch.suite.runs)
+        self._done = len(batch.finished)
+        self._failed = 0
+        self._last: Outcome | None = None
+        self._watch = watch
+        self._engine: Engine | None = None
+
+    def start(self, engine: Engine) -> None:
+        self._engine = engine
+        self._tell()
+
+    def count(self, outcome: Outcome) -> None:
+        self._last = outcome
+        if outcome.failure is None:
+            self._done += 1
+        else:
+            self._failed += 1
+        self._tell()
+
+    def state(self) -> State:
+        left = self._wanted - self._done - self._failed
+        running = 0
+        if self._engine is not None:
+            running = self._engine.busy() or min(self._engine.places(), left)
+        return State(self._done, self._failed, running, self._wanted, self._last)
+
+    def _tell(self) -> None:
+        if self._watch is not None:
+            self._watch(self.state)

@@ -1,0 +1,61 @@
+"""What a worker process does: one run, from its settings to its folder."""
+
+import os
+import signal
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsc_missing.batch.folder import Failure
+from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
+from tsc_missing.evaluation.closed_loop import Progress
+from tsc_missing.evaluation.run import Options, execute, prepare
+from tsc_missing.versions import versions
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run that is wanted."""
+
+    name: str
+    settings: RunSettings
+    folder: Path
+    decisions: bool
+    alive: Path  # a file that is there as long as the batch wants its runs
+
+
+class UnwantedError(Exception):
+    """Nobody waits for the run any more."""
+
+
+def listen_to_nobody() -> None:
+    """Leave Ctrl-C to the batch, which ends its workers itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run_task(task: Task) -> Failure | None:
+    """Make the run's folder; what goes wrong is said, never raised."""
+    if task.folder.exists():
+        return None
+    options = Options(task.folder, task.decisions, durable=True)
+    parent = os.getppid()
+
+    def watch(_: Progress) -> None:
+        if os.getppid() != parent or not task.alive.exists():
+            raise UnwantedError("the batch that started it has ended")
+
+    try:
+        execute(prepare(task.settings, options), watch)
+    except UserError as error:
+        return None if task.folder.exists() else _failure("refused", str(error))
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no message"
+        return _failure("error", f"{type(error).__name__}: {words}", traceback.format_exc())
+    return None
+
+
+def _failure(kind: str, error: str, trace: str = "") -> Failure:
+    return Failure.model_validate(
+        {"kind": kind, "error": error, "traceback": trace, "versions": versions()}
+    )

@@ -1,0 +1,274 @@
+"""The report as Markdown, with its figures, and as one HTML file made of these."""
+
+import base64
+import html
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from tsc_missing.batch.check import lacking_words
+from tsc_missing.batch.table import FAILED, WAITING
+from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
+from tsc_missing.report.markdown import escaped
+from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
+from tsc_missing.report.queue_map import map_runs, queue_map
+from tsc_missing.report.queues import queue_figure
+from tsc_missing.report.results import Results
+from tsc_missing.report.tables import (
+    SEES_ALL,
+    comparison_table,
+    pooled_table,
+    result_table,
+    time_table,
+    warnings,
+)
+
+FIGURES = "figures"
+
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 64rem; margin: 2rem auto;
+  padding: 0 1rem; }
+h1, h2, h3 { line-height: 1.25; }
+table { border-collapse: collapse; margin: 1rem 0; font-size: 0.85rem;
+  font-variant-numeric: tabular-nums; }
+th, td { padding: 0.25rem 0.6rem; border-bottom: 1px solid #d3d8dd; text-align: left; }
+th { border-bottom: 2px solid #52606d; }
+img { max-width: 100%; height: auto; }
+code { font-size: 0.85em; background: #f0f2f4; padding: 0.1em 0.25em; }
+.wide { overflow-x: auto; }
+@media print { body { max-width: none; margin: 0; font-size: 10pt; } table { font-size: 7.5pt; }
+  h2, h3 { break-after: avoid; } img, tr { break-inside: avoid; } .wide { overflow: visible; } }
+"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its file name and what it shows in words."""
+
+    name: str
+    figure: Figure
+    words: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report: its title, its Markdown and the figures that this refers to."""
+
+    title: str
+    markdown: str
+    pictures: tuple[Picture, ...]
+
+
+def make_report(results: Results, metric: str, command: str = "") -> Report:
+    """Everything there is to say about the results; ``command`` is what made the report."""
+    title = " and ".join(dict.fromkeys(plan.suite.title for plan in results.plans))
+    pictures = tuple(_pictures(results, metric))
+    lines = [
+        f"# {escaped(title)}",
+        "",
+        *_about(results),
+        *_results(results, metric),
+        *_comparison(results, metric),
+        *_paper(results),
+        *_times(results),
+        *_figures(pictures),
+        *_making(results, command),
+    ]
+    return Report(title, "\n".join(lines).rstrip() + "\n", pictures)
+
+
+def _about(results: Results) -> list[str]:
+    lines = []
+    for plan in results.plans:
+        if plan.suite.about:
+            lines += [plan.suite.about.strip(), ""]
+        if plan.lacking:
+            lines += [f"Left out, no weights: {lacking_words(plan.lacking)}.", ""]
+    for status, words in ((FAILED, "failed"), (WAITING, "not run")):
+        runs = [run for run in results.runs if run.row["status"] == status]
+        if runs:
+            lines += [f"**{len(runs)} of {len(results.runs)} runs {words}:**", ""]
+            lines += [f"- `{r.spec.name}`: {escaped(r.row['error'] or words)}" for r in runs[:20]]
+            lines += [f"- and {len(runs) - 20} more"] if len(runs) > 20 else []
+            lines.append("")
+    notes = warnings(results)
+    if notes:
+        lines += ["Runs that did not go as runs should:", "", *(f"- {n}" for n in notes), ""]
+    return lines
+
+
+def _results(results: Results, metric: str) -> list[str]:
+    lines = [
+        "## Results",
+        "",
+        f"`{metric}` as mean ± standard error over seeds; the best of a case is **bold**, the "
+        "second <ins>underlined</ins>.",
+        "",
+    ]
+    if "reference" in results.kinds.values():
+        lines += [
+            f"{SEES_ALL} runs inside SUMO and sees everything, whatever is missing: a reference, "
+            "not ranked.",
+            "",
+        ]
+    for dataset in results.datasets:
+        lines += [f"### {escaped(dataset)}", *result_table(results, dataset, metric)]
+    return lines
+
+
+def _comparison(results: Results, metric: str) -> list[str]:
+    if "conventional" not in results.kinds.values():
+        return []
+    lines = [
+        "## Against the best conventional controller",
+        "",
+        f"By how much `{metric}` is above (+) or below (−) that of the conventional method that "
+        "is best in the same case, paired by seed (same demand, same mask). In brackets the 95 % "
+        "interval of 10 000 bootstrap samples of the seeds; with few seeds it is a rough guide, "
+        "and too narrow. The best conventional method was chosen on the same runs, which flatters "
+        "it.",
+        "",
+    ]
+    for dataset in results.datasets:
+        lines += [f"### {escaped(dataset)}", *comparison_table(results, dataset, metric)]
+    pooled = pooled_table(results, metric)
+    if pooled:
+        lines += ["### All cases with missing data", *pooled]
+    return lines
+
+
+def _paper(results: Results) -> list[str]:
+    rows, times = paper_table(results), paper_time_table(results)
+    lines = []
+    wanted = any(plan.suite.paper for plan in results.plans)
+    if rows or wanted:
+        lines += [
+            "## Beside the paper",
+            "",
+            f"`{METRIC}`, the paper's metric, divided by that of {COMMON} with everything "
+            "observed: the paper's on CityFlow and ours on SUMO. Below 1 is better than that "
+            "controller.",
+            "",
+        ]
+        if not rows:
+            lines += [
+                f"Nothing to show: it takes {COMMON} without missing data and a method of the "
+                "paper on the same dataset and case.",
+                "",
+            ]
+    lines += rows
+    if times:
+        lines += [
+            "Decision times, and as multiples of that of the fewest sampling steps (the paper's "
+            "are of its own machine):",
+            *times,
+        ]
+    return lines
+
+
+def _times(results: Results) -> list[str]:
+    lines = time_table(results)
+    if not any("." in line for line in lines[3:]):
+        return []
+    head = "Median wall time of a decision for the whole network in ms, imputation included."
+    return ["## Decision time", "", head, *lines]
+
+
+def _figures(pictures: tuple[Picture, ...]) -> list[str]:
+    if not pictures:
+        return []
+    lines = ["## Figures", ""]
+    for picture in pictures:
+        lines += [
+            f"![{escaped(picture.words)}]({FIGURES}/{picture.name}.png)",
+            "",
+            f"*{escaped(picture.words)}*",
+            "",
+        ]
+    return lines
+
+
+def _pictures(results: Results, metric: str) -> Iterator[Picture]:
+    drawn: list[tuple[str, Figure | None, str]] = [
+        (
+            "missing-rate",
+            rate_figure(results, metric),
+            "Travel time against the missing rate; bars are standard errors over seeds.",
+        ),
+        (
+            "generalisation",
+            generalisation_figure(results, metric),
+            "Weights trained at one missing rate and tested at another, relative to those trained "
+            "at the tested rate.",
+        ),
+        (
+            "imputation",
+            imputation_figure(results, metric),
+            "Travel time against the error of imputation, mean over seeds.",
+        ),
+        (
+            "queues",
+            queue_figure(results),
+            "Vehicles in queues over time in the whole network, mean over seeds.",
+        ),
+    ]
+    for run in map_runs(results, metric):
+        words = f"Mean queue of every road of {run.spec.dataset}, and which sensors are missing."
+        drawn.append((f"map-{run.spec.name}", queue_map(run), words))
+    for name, figure, words in drawn:
+        if figure is not None:
+            yield Picture(name, figure, words)
+
+
+def _making(results: Results, command: str) -> list[str]:
+    versions = ", ".join(
+        f"{name} {' and '.join(all_)}" for name, all_ in results.versions().items()
+    )
+    revisions = dict.fromkeys(str(run.row["git"]) for run in results.finished if run.row["git"])
+    seeds = sorted({run.spec.settings.seed for run in results.finished})
+    demand = ", ".join(dict.fromkeys(str(run.row["demand_kind"]) for run in results.finished))
+    horizon = ", ".join(dict.fromkeys(f"{r.spec.settings.horizon} s" for r in results.finished))
+    lines = ["## How it was made", ""]
+    commands = [*(plan.command for plan in results.plans), command]
+    lines += [f"    {each}" for each in commands if each]
+    facts = f"{len(results.finished)} runs, {demand} demand, {horizon}, seeds {_seed_words(seeds)}"
+    made = f"; {versions}" + (f"; revision {', '.join(revisions)}" if revisions else "")
+    return [*lines, "", f"{facts}{made}.", ""]
+
+
+def _seed_words(seeds: list[int]) -> str:
+    whole = seeds == list(range(seeds[0], seeds[-1] + 1)) and len(seeds) > 2
+    return f"{seeds[0]} to {seeds[-1]}" if whole else ", ".join(map(str, seeds))
+
+
+def render(figure: Figure, suffix: str) -> bytes:
+    """A figure as a file's bytes (``png`` or ``svg``), the same ones every time."""
+    stream = io.BytesIO()
+    with rc_context({"svg.hashsalt": "tsc-missing", "svg.fonttype": "path"}):
+        metadata = {"Date": None} if suffix == "svg" else None
+        figure.savefig(stream, format=suffix, metadata=metadata)
+    return stream.getvalue()
+
+
+def to_html(report: Report, images: Mapping[str, bytes]) -> str:
+    """The report as one HTML file that needs no other; ``images`` are SVGs by picture."""
+    from markdown_it import MarkdownIt
+
+    body = str(MarkdownIt("commonmark", {"html": True}).enable("table").render(report.markdown))
+    for name, image in images.items():
+        data = base64.b64encode(image).decode("ascii")
+        body = body.replace(
+            f'src="{FIGURES}/{name}.png"', f'src="data:image/svg+xml;base64,{data}"'
+        )
+    body = body.replace("<table>", '<div class="wide"><table>').replace(
+        "</table>", "</table></div>"
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{html.escape(report.title)}</title>\n<style>{STYLE}</style>\n</head>\n"
+        f"<body>\n{body}</body>\n</html>\n"
+    )

@@ -1,0 +1,81 @@
+"""Queues of run folders: over time, and by intersection and approach."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+
+from tsc_missing.evaluation.run_folder import DECISIONS
+from tsc_missing.network.model import FloatArray
+from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.report.results import Results, Run
+from tsc_missing.report.style import add_legend, label, line_sample, looks, panels
+
+MINUTE = 60.0  # [s]
+
+
+def read_queues(run: Run) -> tuple[FloatArray, FloatArray] | None:
+    """Times (T,) [s] and true queues (T, N, 12) [vehicles]; None without decisions.parquet."""
+    path = run.folder / DECISIONS
+    if not path.is_file():
+        return None
+    table = pq.read_table(path, columns=["step", "time", "queue"])
+    steps = int(table["step"][-1].as_py()) + 1
+    queue = table["queue"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    time = table["time"].to_numpy().reshape(steps, -1)[:, 0]
+    return time, queue.astype(np.float64).reshape(steps, -1, N_SLOTS)
+
+
+def total_queue(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray] | None:
+    """Times (T,) [s] and the network's queue (T,) [vehicles], the mean over runs."""
+    read = [found for run in runs if (found := read_queues(run)) is not None]
+    if not read:
+        return None
+    steps = min(len(time) for time, _ in read)
+    mean: FloatArray = np.mean([queue[:steps].sum(axis=(1, 2)) for _, queue in read], axis=0)
+    return read[0][0][:steps], mean
+
+
+def queue_figure(results: Results) -> Figure | None:
+    """The network's queue over time: a panel a dataset and case, a line a method."""
+    lines = {}
+    for cell, runs in results.by_cell.items():
+        found = total_queue(list(runs.values()))
+        if found is not None:
+            lines[cell] = found
+    wanted = list(dict.fromkeys((cell.dataset, cell.case) for cell in lines))
+    if not wanted:
+        return None
+    style = looks(results.methods)
+    figure, axes = panels(len(wanted), len(results.methods))
+    tops = {d: max(q.max() for c, (_, q) in lines.items() if c.dataset == d) for d, _ in wanted}
+    for panel, (dataset, case) in zip(axes, wanted, strict=True):
+        for cell, (time, queue) in lines.items():
+            if (cell.dataset, cell.case) == (dataset, case):
+                look = style[cell.method]
+                panel.plot(
+                    time / MINUTE,
+                    queue,
+                    color=look.colour,
+                    linestyle=look.line,
+                    linewidth=1.1,
+                    marker=look.marker,
+                    markersize=4,
+                    markevery=_marks(len(time), results.methods.index(cell.method)),
+                )
+        panel.set_ylim(0, 1.05 * max(1.0, float(tops[dataset])))
+        label(panel, f"{dataset}, {_missing(case)}", "time, min", "queue, vehicles")
+    shown = [m for m in results.methods if any(cell.method == m for cell in lines)]
+    add_legend(figure, [line_sample(style[m], m) for m in shown])
+    return figure
+
+
+def _marks(steps: int, number: int) -> tuple[int, int]:
+    """The first step with a marker and how many lie between two; methods differ in the first."""
+    apart = max(1, steps // 6)
+    return (3 * number) % apart, apart
+
+
+def _missing(case: str) -> str:
+    return "everything observed" if case == "none" else case

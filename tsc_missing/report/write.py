@@ -1,0 +1,61 @@
+"""From the folders of batches to the folder of a report."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.evaluation.metrics import Result
+from tsc_missing.files import check_writable, whole_folder
+from tsc_missing.report.document import FIGURES, make_report, render, to_html
+from tsc_missing.report.results import read_results
+
+FIELD = "--out"
+MARKDOWN, HTML = "report.md", "report.html"
+METRICS = sorted(
+    name for name, field in Result.model_fields.items() if field.annotation in (float, float | None)
+)
+
+
+def check_metric(metric: str) -> None:
+    """Raise ``UserError`` unless it is a result field that means can be taken of."""
+    if metric not in METRICS:
+        raise UserError("--metric", metric, nearest(metric, METRICS))
+
+
+def check_target(target: Path) -> None:
+    """Raise ``UserError`` unless a report can be written there, or replaced."""
+    if not target.is_dir():
+        check_writable(target, FIELD)
+    elif not is_report(target) and any(target.iterdir()):
+        raise UserError(FIELD, target, "something else is in it; name a new folder or a report's")
+
+
+def is_report(folder: Path) -> bool:
+    """Whether there is nothing in a folder but a report."""
+    names = {path.name for path in folder.iterdir()}
+    return {MARKDOWN, HTML} <= names <= {MARKDOWN, HTML, FIGURES}
+
+
+def write_report(
+    folders: Sequence[Path], target: Path, metric: str, command: str = ""
+) -> list[Path]:
+    """Write the report of the batches in ``folders``; returns its two documents."""
+    report = make_report(read_results(folders), metric, command)
+    old = target.with_name(f".{target.name}.old")
+    fresh = target.with_name(f".{target.name}.new")
+    for left in (old, fresh):
+        shutil.rmtree(left, ignore_errors=True)
+    with whole_folder(fresh, FIELD) as folder:
+        (folder / MARKDOWN).write_text(report.markdown, encoding="utf-8")
+        images = {picture.name: render(picture.figure, "svg") for picture in report.pictures}
+        (folder / HTML).write_text(to_html(report, images), encoding="utf-8")
+        if report.pictures:
+            (folder / FIGURES).mkdir()
+        for picture in report.pictures:
+            (folder / FIGURES / f"{picture.name}.png").write_bytes(render(picture.figure, "png"))
+    if target.exists():
+        target.rename(old)
+    fresh.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
+    return [target / MARKDOWN, target / HTML]
