@@ -82,7 +82,7 @@ def batch(
         failures = _watched(prepared, Means(workers, cluster, care, decisions, command))
     except KeyboardInterrupt:
         there = len(prepared.suite.runs) - len(_left(prepared))
-        messages.print(
+        messages().print(
             f"interrupted with {there} of {len(prepared.suite.runs)} runs; the same command goes on"
         )
         raise SystemExit(INTERRUPTED) from None
@@ -94,7 +94,7 @@ def _tell_lacking(prepared: "Batch") -> None:
     from tsc_missing.batch.check import lacking_words
 
     if prepared.lacking:
-        messages.print(f"left out, no weights: {lacking_words(prepared.lacking)}", markup=False)
+        messages().print(f"left out, no weights: {lacking_words(prepared.lacking)}", markup=False)
 
 
 def _left(prepared: "Batch") -> list[str]:

@@ -35,8 +35,8 @@ def batch_progress() -> Iterator[Watch]:
     """A bar on the error stream; where that is no terminal, a line for every run that ends."""
     column = _StateColumn()
     columns = (BarColumn(), column, TextColumn("left:"), Remaining())
-    quiet = not messages.is_terminal
-    with Progress(*columns, console=messages, transient=True, disable=quiet) as bar:
+    quiet = not messages().is_terminal
+    with Progress(*columns, console=messages(), transient=True, disable=quiet) as bar:
         task = bar.add_task("")
 
         def watch(ask: Callable[[], State]) -> None:
@@ -46,6 +46,6 @@ def batch_progress() -> Iterator[Watch]:
             if last is not None and (quiet or last.failure is not None):
                 failure = last.failure
                 end = f"failed: {failure.error}" if failure else f"{last.seconds:.0f} s"
-                messages.print(f"{words(now)}: {last.name}, {end}", markup=False)
+                messages().print(f"{words(now)}: {last.name}, {end}", markup=False)
 
         yield watch
