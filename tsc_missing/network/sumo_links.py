@@ -1,0 +1,195 @@
+"""What a SUMO net says of a signal: its links, their conflicts, and which it never stops."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tsc_missing.network.slots import (
+    APPROACHES,
+    LEFT,
+    RIGHT,
+    STRAIGHT,
+    assign_approaches,
+    bearing,
+    slot_index,
+)
+
+BACK = 30.0  # [m] of road before the stop line that give the direction traffic comes from
+TURN_OF_DIRECTION = {"l": LEFT, "L": LEFT, "s": STRAIGHT, "r": RIGHT, "R": RIGHT}
+U_TURN = "t"
+NO_SIGNALS = ("rail_signal", "rail_crossing", "off")  # types of programs that are no signals
+STOPS = "ru"  # letters of SUMO's states with which a link may not be passed
+
+
+@dataclass(frozen=True)
+class Link:
+    """A connection that a signal controls."""
+
+    from_lane: str
+    to_lane: str
+    road: str  # of ``from_lane``
+    slot: int
+    place: int  # in SUMO's state string
+    turns_back: bool
+    near: bool  # turns to the near side, so across no oncoming traffic
+    stopped: bool  # the net's own program stops it in some phase
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A traffic light: its links in the order of their places, and which of them conflict.
+
+    ``foes[i]`` are the links that link i conflicts with, ``gives_way[i]`` those of them that the
+    junction's rules make it give way to.
+    """
+
+    id: str
+    place: tuple[float, float]  # x, y [m]
+    roads: Mapping[str, int]  # the approach of each incoming road
+    links: tuple[Link, ...]
+    foes: tuple[frozenset[int], ...]
+    gives_way: tuple[frozenset[int], ...]
+    state_length: int
+    speed: float  # [m/s], the highest limit of its entrance lanes
+
+
+def read_signal(light: Any, program: Sequence[str], left_hand: bool) -> Signal:
+    """A traffic light of a sumolib net with the states of its program."""
+    connections = sorted(
+        (_connection(start, end, place) for start, end, place in light.getConnections()),
+        key=lambda found: (found.getTLLinkIndex(), *_sorting(found)),
+    )
+    roads = {c.getFrom().getID(): c.getFrom() for c in connections}
+    approaches = _approaches(roads)
+    turns = {name: _turns(road, left_hand) for name, road in roads.items()}
+    links = tuple(_link(c, approaches, turns, program, left_hand) for c in connections)
+    foes, gives_way = _conflicts(connections)
+    nodes = {road.getToNode() for road in roads.values()}
+    places = [node.getCoord()[:2] for node in nodes]
+    return Signal(
+        id=light.getID(),
+        place=(sum(x for x, _ in places) / len(places), sum(y for _, y in places) / len(places)),
+        roads=approaches,
+        links=links,
+        foes=foes,
+        gives_way=gives_way,
+        state_length=max([*map(len, program), *(link.place + 1 for link in links)]),
+        speed=max(c.getFromLane().getSpeed() for c in connections),
+    )
+
+
+def _connection(start: Any, end: Any, place: int) -> Any:
+    return next(
+        c for c in start.getOutgoing() if c.getToLane() == end and c.getTLLinkIndex() == place
+    )
+
+
+def _sorting(connection: Any) -> tuple[str, int, str, int]:
+    start, end = connection.getFromLane(), connection.getToLane()
+    return start.getEdge().getID(), start.getIndex(), end.getEdge().getID(), end.getIndex()
+
+
+def _approaches(roads: Mapping[str, Any]) -> dict[str, int]:
+    """The approach of each road, by where its traffic comes from at the stop line.
+
+    Of a signal at several junctions the roads between them take the approach of the road from
+    outside whose direction is nearest to theirs.
+    """
+    nodes = {road.getToNode() for road in roads.values()}
+    outer = sorted(name for name, road in roads.items() if road.getFromNode() not in nodes)
+    outer = outer or sorted(roads)
+    bearings = {name: _comes_from(road) for name, road in roads.items()}
+    found = dict(zip(outer, assign_approaches([bearings[name] for name in outer]), strict=True))
+    for name in sorted(set(roads) - set(outer)):
+        nearest = min(outer, key=lambda other: _apart(bearings[name], bearings[other]))
+        found[name] = found[nearest]
+    return {name: found[name] for name in sorted(found)}
+
+
+def _comes_from(road: Any) -> float:
+    """The compass bearing [degrees] from the stop line back along the road."""
+    points = [point[:2] for point in reversed(road.getLanes()[0].getShape())]
+    (end_x, end_y), (x, y), left = points[0], points[-1], BACK
+    for (ax, ay), (bx, by) in zip(points, points[1:], strict=False):
+        length = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
+        if length >= left > 0:
+            x, y = ax + (bx - ax) * left / length, ay + (by - ay) * left / length
+            break
+        left -= length
+    return bearing(x - end_x, y - end_y)
+
+
+def _apart(first: float, second: float) -> float:
+    difference = abs(first - second) % 360.0
+    return min(difference, 360.0 - difference)
+
+
+def _turns(road: Any, left_hand: bool) -> dict[str, int]:
+    """The turn that each of the net's directions is at the end of a road.
+
+    Where nothing goes straight on, a half turn beside another turn to the same side does.
+    """
+    found = {c.getDirection() for cs in road.getOutgoing().values() for c in cs}
+    turns = dict(TURN_OF_DIRECTION)
+    turns[U_TURN] = RIGHT if left_hand else LEFT
+    if "s" not in found:
+        half = [name for name in ("L", "R") if name in found and name.lower() in found]
+        turns.update({name: STRAIGHT for name in half[:1]})
+    return turns
+
+
+def _link(
+    connection: Any,
+    approaches: Mapping[str, int],
+    turns: Mapping[str, Mapping[str, int]],
+    program: Sequence[str],
+    left_hand: bool,
+) -> Link:
+    road, direction = connection.getFrom().getID(), connection.getDirection()
+    turn = turns[road].get(direction, STRAIGHT)
+    place = int(connection.getTLLinkIndex())
+    letters = {state[place] for state in program if place < len(state)}
+    return Link(
+        from_lane=connection.getFromLane().getID(),
+        to_lane=connection.getToLane().getID(),
+        road=road,
+        slot=slot_index(approaches[road], turn),
+        place=place,
+        turns_back=direction == U_TURN,
+        near=direction != U_TURN and turn == (LEFT if left_hand else RIGHT),
+        stopped=not letters or bool(letters & set(STOPS)),
+    )
+
+
+def _conflicts(
+    connections: Sequence[Any],
+) -> tuple[tuple[frozenset[int], ...], tuple[frozenset[int], ...]]:
+    """For each link its foes, and those of them it gives way to, by the junctions' rules."""
+    places = [(c.getJunction(), c.getJunction().getLinkIndex(c)) for c in connections]
+    foes: list[set[int]] = [set() for _ in connections]
+    gives_way: list[set[int]] = [set() for _ in connections]
+    for i, (node, request) in enumerate(places):
+        for j, (other, counterpart) in enumerate(places):
+            if node != other or i == j:
+                continue
+            waits = _bit(node._prohibits, request, counterpart)
+            if waits or _bit(node._foes, request, counterpart):
+                foes[i].add(j)
+                foes[j].add(i)
+            if waits:
+                gives_way[i].add(j)
+    for i, link in enumerate(connections):  # traffic of one lane or road sorts itself out
+        own = {j for j in foes[i] if connections[j].getFrom() == link.getFrom()}
+        foes[i] -= {j for j in own if not (j in gives_way[i] or i in gives_way[j])}
+    return tuple(map(frozenset, foes)), tuple(map(frozenset, gives_way))
+
+
+def _bit(table: Mapping[int, str], row: int, column: int) -> bool:
+    """SUMO writes the bits of a request from the last link to the first."""
+    bits = table.get(row, "")
+    return column < len(bits) and bits[len(bits) - 1 - column] == "1"
+
+
+def approach_names(signal: Signal) -> list[str]:
+    """The compass names of the approaches that the signal's roads come from."""
+    return [APPROACHES[approach] for approach in sorted(set(signal.roads.values()))]
