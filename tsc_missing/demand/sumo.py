@@ -45,7 +45,9 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
 
 def _route(vehicle: ElementTree.Element, routes: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
     own = vehicle.find("route")
-    return tuple(own.get("edges", "").split()) if own is not None else routes[vehicle.get("route", "")]
+    return (
+        tuple(own.get("edges", "").split()) if own is not None else routes[vehicle.get("route", "")]
+    )
 
 
 def _as_text(element: ElementTree.Element) -> str:

@@ -69,9 +69,7 @@ def turning_flows(
     return counts.reshape(network.n, N_SLOTS) * 3600.0 / horizon
 
 
-def write_routes(
-    demand: Demand, vehicle: VehicleType, target: Path, begin: float = 0.0
-) -> None:
+def write_routes(demand: Demand, vehicle: VehicleType, target: Path, begin: float = 0.0) -> None:
     """Write a SUMO route file: the vehicle types, each distinct route once, a vehicle a trip.
 
     Vehicles are named by their position in the demand, so that trip k is vehicle ``"k"``.

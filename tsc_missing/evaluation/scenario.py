@@ -98,7 +98,9 @@ def _bundled(name: str, profile: Path) -> Scenario:
 def _recorded(name: str, path: Path, demand: str) -> Scenario:
     folder = read_folder(path, name)
     if demand == "profile":
-        raise UserError("demand", "profile", f"{name} has no profile, only the demand in its folder")
+        raise UserError(
+            "demand", "profile", f"{name} has no profile, only the demand in its folder"
+        )
     if folder.routes_file is None:
         raise UserError("demand", demand, f"{path} holds a network without a demand")
     return Scenario(name, folder, folder.manifest.demand or "recorded", folder.routes_file)

@@ -8,6 +8,7 @@ keeps a single road is a dead end, where traffic enters and leaves too.
 """
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -79,7 +80,7 @@ def read_grid(path: Path) -> GridSpec:
 def build_grid(spec: GridSpec) -> PlainNetwork:
     """The network of a specification.
 
-    Every lane leads to all lanes of the roads that its turns go to; right turns are free.
+    A turn leads to all lanes of the road that it goes to; right turns are free.
     """
     cells = [
         (column, row)
@@ -187,11 +188,20 @@ def _movement(spec: GridSpec, cell: Cell, heading: int, turn: int) -> Movement:
         from_road=_road_name(before, heading),
         to_road=_road_name(cell, after),
         turn=turn,
-        lane_pairs=tuple(
-            (start, end)
-            for start in _lanes_of(spec, cell, heading, turn)
-            for end in range(len(spec.lanes_along(after)))
+        lane_pairs=_side_by_side(
+            _lanes_of(spec, cell, heading, turn), len(spec.lanes_along(after))
         ),
+    )
+
+
+def _side_by_side(starts: Sequence[int], exits: int) -> tuple[tuple[int, int], ...]:
+    """Every lane of a turn to its part of the exit road's lanes; a single lane to all of them."""
+    count = len(starts)
+    return tuple(
+        (start, end)
+        for k, start in enumerate(starts)
+        for end in range(exits)
+        if end == k * exits // count or k * exits // count <= end < (k + 1) * exits // count
     )
 
 

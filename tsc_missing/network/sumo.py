@@ -83,9 +83,15 @@ def _left_hand(path: Path) -> bool:
 
 
 def compile_sumo(
-    source: SumoNet, chosen: Collection[str] = (), all_phases: bool = False
+    source: SumoNet,
+    chosen: Collection[str] = (),
+    all_phases: bool = False,
+    near_side_free: bool = False,
 ) -> NetworkRecord:
     """The record of a SUMO net; of the signals only the ``chosen`` ones, if any are.
+
+    With ``near_side_free`` turns to the near side are green in every phase where the junction's
+    rules allow that, whatever the net's own program does.
 
     A signal with nothing to decide (one approach, or no conflicts) is left to its own program, and
     so noted in ``source.notes``.
@@ -100,15 +106,17 @@ def compile_sumo(
     for name in known:
         if chosen and name not in chosen:
             continue
-        signal = read_signal(source.net.getTLS(name), source.programs[name], source.left_hand)
-        why = _nothing_to_decide(signal)
-        node = _intersection(signal, all_phases) if not why else None
-        if node is not None and len(node.phases) > 1:
+        signal = read_signal(
+            source.net.getTLS(name), source.programs[name], source.left_hand, near_side_free
+        )
+        node = _intersection(signal, all_phases)
+        if len(signal.roads) > 1 and len(node.phases) > 1:
             intersections.append(node)
-        elif chosen:
-            raise UserError("signals", name, f"it must have a choice of phases, but {why or 'none of its movements conflict'}")
-        else:
-            left_out.append(f"{name} ({why or 'no conflicts'})")
+            continue
+        why = "no conflicts" if len(signal.roads) > 1 else "one approach"
+        if chosen:
+            raise UserError("signals", name, f"it must have phases to choose from, but has {why}")
+        left_out.append(f"{name} ({why})")
     if not intersections:
         raise UserError(
             FIELD, source.path, f"no signal in it has anything to decide: {', '.join(left_out)}"
@@ -122,12 +130,6 @@ def compile_sumo(
         reach=_reach(source, intersections) or None,
         left_hand=source.left_hand or None,
     )
-
-
-def _nothing_to_decide(signal: Signal) -> str:
-    if len(signal.roads) < 2:
-        return "it has one approach"
-    return ""
 
 
 def _intersection(signal: Signal, all_phases: bool) -> IntersectionRecord:
@@ -257,7 +259,9 @@ def _notes(
 ) -> list[str]:
     notes = []
     if left_out:
-        notes.append(f"signals with nothing to decide keep their own program: {', '.join(left_out)}")
+        notes.append(
+            f"signals with nothing to decide keep their own program: {', '.join(left_out)}"
+        )
     if chosen:
         others = len(source.programs) - len(intersections)
         if others:

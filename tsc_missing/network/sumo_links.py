@@ -1,11 +1,10 @@
 """What a SUMO net says of a signal: its links, their conflicts, and which it never stops."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tsc_missing.network.slots import (
-    APPROACHES,
     LEFT,
     RIGHT,
     STRAIGHT,
@@ -53,8 +52,13 @@ class Signal:
     speed: float  # [m/s], the highest limit of its entrance lanes
 
 
-def read_signal(light: Any, program: Sequence[str], left_hand: bool) -> Signal:
-    """A traffic light of a sumolib net with the states of its program."""
+def read_signal(
+    light: Any, program: Sequence[str], left_hand: bool, near_side_free: bool = False
+) -> Signal:
+    """A traffic light of a sumolib net with the states of its program.
+
+    With ``near_side_free`` the program counts as never stopping turns to the near side.
+    """
     connections = sorted(
         (_connection(start, end, place) for start, end, place in light.getConnections()),
         key=lambda found: (found.getTLLinkIndex(), *_sorting(found)),
@@ -63,6 +67,8 @@ def read_signal(light: Any, program: Sequence[str], left_hand: bool) -> Signal:
     approaches = _approaches(roads)
     turns = {name: _turns(road, left_hand) for name, road in roads.items()}
     links = tuple(_link(c, approaches, turns, program, left_hand) for c in connections)
+    if near_side_free:
+        links = tuple(replace(link, stopped=link.stopped and not link.near) for link in links)
     foes, gives_way = _conflicts(connections)
     nodes = {road.getToNode() for road in roads.values()}
     places = [node.getCoord()[:2] for node in nodes]
@@ -188,8 +194,3 @@ def _bit(table: Mapping[int, str], row: int, column: int) -> bool:
     """SUMO writes the bits of a request from the last link to the first."""
     bits = table.get(row, "")
     return column < len(bits) and bits[len(bits) - 1 - column] == "1"
-
-
-def approach_names(signal: Signal) -> list[str]:
-    """The compass names of the approaches that the signal's roads come from."""
-    return [APPROACHES[approach] for approach in sorted(set(signal.roads.values()))]

@@ -160,7 +160,9 @@ def _gentle_conflicts(
 def _hard(signal: Signal, first: Unit, second: Unit, gentle: set[tuple[int, int]]) -> bool:
     """Whether some link of one unit must not be green beside some link of the other."""
     return any(
-        (i, j) not in gentle and (j, i) not in gentle for i in first for j in signal.foes[i] & second
+        (i, j) not in gentle and (j, i) not in gentle
+        for i in first
+        for j in signal.foes[i] & second
     )
 
 
@@ -200,9 +202,7 @@ def _cover(
     return []
 
 
-def _greedy(
-    everything: set[int], cliques: Sequence[tuple[int, ...]]
-) -> list[tuple[int, ...]]:
+def _greedy(everything: set[int], cliques: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
     chosen: list[tuple[int, ...]] = []
     left = set(everything)
     while left:

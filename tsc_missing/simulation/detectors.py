@@ -28,7 +28,9 @@ def write_area_detectors(network: Network, length: float, target: Path) -> None:
         if length > distance:
             lines.append(_area(lane, lane, max(whole - (length - distance), 0.0), whole))
     for lane in _boundary(network):
-        lines.append(_area(_exit_name(lane), lane, 0.0, min(length, network.record.lanes[lane].length)))
+        lines.append(
+            _area(_exit_name(lane), lane, 0.0, min(length, network.record.lanes[lane].length))
+        )
     target.write_text("\n".join(["<additional>", *lines, "</additional>", ""]), encoding="utf-8")
 
 

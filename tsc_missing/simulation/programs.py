@@ -41,7 +41,5 @@ class NativeProgram:
     def _phase(self, n: int, api: Any) -> int:
         node = self.network.intersections[n]
         shown = api.trafficlight.getRedYellowGreenState(node.id)
-        states = [
-            sumo_state(node, green_state(node, phase)) for phase in range(len(node.phases))
-        ]
+        states = [sumo_state(node, green_state(node, phase)) for phase in range(len(node.phases))]
         return states.index(shown) if shown in states else -1

@@ -67,13 +67,9 @@ class SignalGuard:
         if change == "gr":
             raise SignalSafetyError(f"{link}: from green to red without yellow")
         if change == "gy" and lasted < min_green:
-            raise SignalSafetyError(
-                f"{link}: green ends after {lasted:g} s, before {min_green} s"
-            )
+            raise SignalSafetyError(f"{link}: green ends after {lasted:g} s, before {min_green} s")
         if change == "yr" and lasted < yellow:
-            raise SignalSafetyError(
-                f"{link}: yellow ends after {lasted:g} s, before {yellow} s"
-            )
+            raise SignalSafetyError(f"{link}: yellow ends after {lasted:g} s, before {yellow} s")
         if change == "ry":
             raise SignalSafetyError(f"{link}: from red to yellow")
         if change == "yg":
