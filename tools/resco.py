@@ -9,7 +9,6 @@ A finished run is kept in ``--keep FOLDER`` and not run again.
 import argparse
 import importlib.util
 import json
-import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -90,7 +89,7 @@ def run_cells(
         for cell, result in zip(missing, run_all([c[2] for c in missing], workers), strict=True):
             temporary = _kept(keep, cell).with_suffix(".part")
             temporary.write_text(result.model_dump_json(), encoding="utf-8")
-            os.replace(temporary, _kept(keep, cell))
+            temporary.replace(_kept(keep, cell))
         for name, row, settings in part:
             text = _kept(keep, (name, row, settings)).read_text(encoding="utf-8")
             results[name, *row] = Result.model_validate(json.loads(text))

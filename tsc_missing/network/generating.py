@@ -112,7 +112,7 @@ def read_lanes(text: str, field: str) -> tuple[tuple[str, ...], ...]:
 def read_removed(
     spec: GridSpec, pairs: Sequence[str], share: float, seed: int
 ) -> tuple[tuple[Cell, Cell], ...]:
-    """Missing roads: those named as ``1,2-2,2`` (column,row), and a drawn share of the inner ones."""
+    """Missing roads: those named as ``1,2-2,2`` (column,row), and a share of the inner ones."""
     there = grid_roads(spec)
     removed = []
     for text in pairs:

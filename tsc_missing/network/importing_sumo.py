@@ -84,7 +84,7 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
                 demand="generated" if found is not None and wanted.demand is not None else None,
                 begin=begin or None,
                 horizon=horizon if found is not None else None,
-                notes=tuple([*source.notes, *(found.notes if found is not None else ())]) or None,
+                notes=(*source.notes, *(found.notes if found is not None else ())) or None,
                 sources={path.name: sha256(path) for path in sources},
                 versions=builder_versions(),
             )

@@ -1,5 +1,6 @@
 """What a SUMO net says of a signal: its links, their conflicts, and which it never stops."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,10 +29,12 @@ class Link:
     to_lane: str
     road: str  # of ``from_lane``
     slot: int
+    turn: int  # left, straight or right; the slot's, but where roads had to share an approach
     place: int  # in SUMO's state string
     turns_back: bool
     near: bool  # turns to the near side, so across no oncoming traffic
     stopped: bool  # the net's own program stops it in some phase
+    whole_road: bool = False  # all that comes by its road goes together, and has one slot
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ def read_signal(
     if near_side_free:
         links = tuple(replace(link, stopped=link.stopped and not link.near) for link in links)
     foes, gives_way = _conflicts(connections)
+    links = _share_approaches(links, foes, approaches)
     nodes = {road.getToNode() for road in roads.values()}
     places = [node.getCoord()[:2] for node in nodes]
     return Signal(
@@ -116,7 +120,7 @@ def _comes_from(road: Any) -> float:
     """The compass bearing [degrees] from the stop line back along the road."""
     points = [point[:2] for point in reversed(road.getLanes()[0].getShape())]
     (end_x, end_y), (x, y), left = points[0], points[-1], BACK
-    for (ax, ay), (bx, by) in zip(points, points[1:], strict=False):
+    for (ax, ay), (bx, by) in itertools.pairwise(points):
         length = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
         if length >= left > 0:
             x, y = ax + (bx - ax) * left / length, ay + (by - ay) * left / length
@@ -140,7 +144,7 @@ def _turns(road: Any, left_hand: bool) -> dict[str, int]:
     turns[U_TURN] = RIGHT if left_hand else LEFT
     if "s" not in found:
         half = [name for name in ("L", "R") if name in found and name.lower() in found]
-        turns.update({name: STRAIGHT for name in half[:1]})
+        turns.update(dict.fromkeys(half[:1], STRAIGHT))
     return turns
 
 
@@ -160,6 +164,7 @@ def _link(
         to_lane=connection.getToLane().getID(),
         road=road,
         slot=slot_index(approaches[road], turn),
+        turn=turn,
         place=place,
         turns_back=direction == U_TURN,
         near=direction != U_TURN and turn == (LEFT if left_hand else RIGHT),
@@ -188,6 +193,40 @@ def _conflicts(
         own = {j for j in foes[i] if connections[j].getFrom() == link.getFrom()}
         foes[i] -= {j for j in own if not (j in gives_way[i] or i in gives_way[j])}
     return tuple(map(frozenset, foes)), tuple(map(frozenset, gives_way))
+
+
+def _share_approaches(
+    links: tuple[Link, ...], foes: Sequence[frozenset[int]], approaches: Mapping[str, int]
+) -> tuple[Link, ...]:
+    """Where roads that share an approach cross each other, each as a whole gets one of its slots.
+
+    Else two phases would serve the same slots, and a controller could not tell them apart. The
+    widest road gets the slot straight, the next left, and what is left the slot right.
+    """
+    slots: dict[str, int] = {}
+    for approach in sorted(set(approaches.values())):
+        roads = sorted(road for road, found in approaches.items() if found == approach)
+        if any(
+            links[i].road != links[j].road and _cross(links[i], links[j])
+            for i, link in enumerate(links)
+            if link.road in roads
+            for j in foes[i]
+            if links[j].road in roads
+        ):
+            lanes = {road: len({k.from_lane for k in links if k.road == road}) for road in roads}
+            for rank, road in enumerate(sorted(roads, key=lambda road: (-lanes[road], road))):
+                turn = (STRAIGHT, LEFT, RIGHT)[min(rank, 2)]
+                slots[road] = slot_index(approach, turn)
+    return tuple(
+        replace(link, slot=slots[link.road], whole_road=True) if link.road in slots else link
+        for link in links
+    )
+
+
+def _cross(first: Link, second: Link) -> bool:
+    """Whether two links that conflict do more than merge, and none only turns aside."""
+    aside = any(link.near or link.turns_back for link in (first, second))
+    return not aside and first.to_lane.rsplit("_", 1)[0] != second.to_lane.rsplit("_", 1)[0]
 
 
 def _bit(table: Mapping[int, str], row: int, column: int) -> bool:

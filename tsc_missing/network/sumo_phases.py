@@ -76,38 +76,39 @@ def _may_always_go(signal: Signal, link: int) -> bool:
     """Whether a link gives way wherever it conflicts, or a turn to it, but no straight traffic."""
     return all(
         foe in signal.gives_way[link]
-        or (link in signal.gives_way[foe] and signal.links[foe].slot % len(TURNS) != STRAIGHT)
+        or (link in signal.gives_way[foe] and signal.links[foe].turn != STRAIGHT)
         for foe in signal.foes[link]
     )
 
 
 def _units(signal: Signal, links: Sequence[int]) -> list[Unit]:
     """The links that must be green together, as far as no conflict forbids it."""
-    group = {i: i for i in links}
-
-    def root(i: int) -> int:
-        while group[i] != i:
-            i = group[i]
-        return i
-
-    def join(i: int, j: int) -> None:
-        group[root(i)] = root(j)
-
-    for i, j in itertools.combinations(links, 2):
-        first, second = signal.links[i], signal.links[j]
-        if first.place == second.place or first.from_lane == second.from_lane:
-            join(i, j)
-        elif first.slot == second.slot and first.road == second.road:
-            join(i, j)
-    for i, j in itertools.combinations(links, 2):  # roads that share an approach
-        if signal.links[i].slot == signal.links[j].slot and root(i) != root(j):
-            ours = [k for k in links if root(k) in (root(i), root(j))]
-            if not any(_unsettled(signal, a, b) for a, b in itertools.combinations(ours, 2)):
-                join(i, j)
-    units: dict[int, list[int]] = {}
+    units: list[Unit] = []
     for i in links:
-        units.setdefault(root(i), []).append(i)
-    return sorted((frozenset(unit) for unit in units.values()), key=min)
+        near = [unit for unit in units if any(_go_together(signal, i, j) for j in unit)]
+        units = [unit for unit in units if unit not in near]
+        units.append(frozenset([i]).union(*near))
+    joined: list[Unit] = []
+    for unit in sorted(units, key=min):  # roads that share an approach
+        slots = {signal.links[i].slot for i in unit}
+        for k, other in enumerate(joined):
+            same = any(signal.links[j].slot in slots for j in other)
+            if same and not any(_unsettled(signal, i, j) for i in unit for j in other):
+                joined[k] = unit | other
+                break
+        else:
+            joined.append(unit)
+    return joined
+
+
+def _go_together(signal: Signal, i: int, j: int) -> bool:
+    """Whether two links share a lamp, a lane, or both the road and the slot."""
+    first, second = signal.links[i], signal.links[j]
+    return (
+        first.place == second.place
+        or first.from_lane == second.from_lane
+        or (first.slot == second.slot and first.road == second.road)
+    )
 
 
 def _unsettled(signal: Signal, i: int, j: int) -> bool:
@@ -117,7 +118,7 @@ def _unsettled(signal: Signal, i: int, j: int) -> bool:
 
 def _is_mixed(signal: Signal, unit: Unit) -> bool:
     """Whether straight traffic shares a lane with a turn across the oncoming traffic."""
-    turns = {(signal.links[i].slot % len(TURNS), signal.links[i].near) for i in unit}
+    turns = {(signal.links[i].turn, signal.links[i].near) for i in unit}
     across = any(turn != STRAIGHT and not near for turn, near in turns)
     return across and any(turn == STRAIGHT for turn, _ in turns)
 
@@ -143,7 +144,7 @@ def _gentle_conflicts(
     for i, link in enumerate(signal.links):
         for j in signal.foes[i] & signal.gives_way[i]:
             other = signal.links[j]
-            across = not link.near and link.slot % len(TURNS) != STRAIGHT
+            across = not link.near and link.turn != STRAIGHT
             oncoming = (link.slot // len(TURNS) - other.slot // len(TURNS)) % len(APPROACHES) == 2
             if (
                 link.near
@@ -217,9 +218,7 @@ def _unlike(
     """How many phases pair a straight movement with another that is none, and links green, less."""
     mixtures, links = 0, 0
     for phase in cover:
-        straight = [
-            any(signal.links[i].slot % len(TURNS) == STRAIGHT for i in units[u]) for u in phase
-        ]
+        straight = [any(signal.links[i].turn == STRAIGHT for i in units[u]) for u in phase]
         mixtures += any(straight) and not all(straight)
         links += sum(len(units[u]) for u in phase)
     return mixtures, -links
@@ -262,5 +261,5 @@ def _names(phases: Sequence[Sequence[Unit]], signal: Signal) -> list[str]:
 def _order(signal: Signal, phase: Sequence[Unit]) -> tuple[bool, int, int]:
     """Straight movements first, then those with more links."""
     links = set(itertools.chain(*phase))
-    straight = any(signal.links[i].slot % len(TURNS) == STRAIGHT for i in links)
+    straight = any(signal.links[i].turn == STRAIGHT for i in links)
     return not straight, -len(links), min(links)

@@ -49,8 +49,9 @@ def _exit_name(lane: str) -> str:
 
 def _area(name: str, lane: str, start: float, end: float) -> str:
     return (
-        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{start:.2f}" endPos="{end:.2f}" '
-        f'file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" timeThreshold="0"/>'
+        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{start:.2f}" '
+        f'endPos="{end:.2f}" file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" '
+        'timeThreshold="0"/>'
     )
 
 
