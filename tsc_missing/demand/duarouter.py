@@ -1,5 +1,6 @@
 """SUMO demand of any kind (trips, flows, vehicles) as trips with routes, through ``duarouter``."""
 
+import dataclasses
 import re
 import subprocess
 import tempfile
@@ -15,7 +16,8 @@ from tsc_missing.errors import UserError
 from tsc_missing.network.netconvert import sumo_tool
 
 NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
-OWN_ROUTES = ("vehicle", "trip", "flow", "route", "vType", "vTypeDistribution", "routeDistribution")
+TRAFFIC = ("vehicle", "trip", "flow")
+ORDER = ("vType", "vTypeDistribution", "route", "routeDistribution", *TRAFFIC)
 NO_EDGE = re.compile(r"not known|unknown", re.I)
 
 
@@ -36,62 +38,93 @@ def route_demand(
     Persons, containers and stops are left out. Raises ``UserError`` in the name of ``field`` for
     files that are none, or that are for another net.
     """
-    counts: Counter[str] = Counter()
+    given = Given()
+    for path in files:
+        given.add(path, field)
+    if not given.traffic:
+        raise UserError(field, files[0], "there is no vehicle, trip or flow in it")
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
-        inputs = []
-        for number, path in enumerate(files):
-            inputs.append(Path(scratch, f"{number}.rou.xml"))
-            counts += _strip(path, inputs[-1], field)
-        if not any(counts[kind] for kind in ("vehicle", "trip", "flow")):
-            raise UserError(field, files[0], "there is no vehicle, trip or flow in it")
-        routed = Path(scratch, "routed.rou.xml")
-        problems = _duarouter(net, inputs, routed, begin, begin + horizon, seed)
+        merged, routed = Path(scratch, "given.rou.xml"), Path(scratch, "routed.rou.xml")
+        given.write(merged)
+        problems = _duarouter(net, merged, routed, begin, begin + horizon, seed)
         unknown = [line for line in problems if NO_EDGE.search(line)]
         demand = _read(routed, begin, horizon)
         if demand is None or (unknown and len(unknown) >= len(demand.trips)):
-            raise _nothing(files[0], field, problems, unknown, begin, horizon)
-    return Found(demand, tuple(_notes(counts, problems)))
+            raise _nothing(files[-1], field, problems, unknown, given, begin)
+        kept = {e.get("id", "") for _, e in ElementTree.iterparse(routed) if e.tag == "vehicle"}
+    return Found(demand, tuple(_notes(given, kept, problems, begin, begin + horizon)))
 
 
-def _strip(source: Path, target: Path, field: str) -> Counter[str]:
-    """Copy a route file without what is no car's; returns how many elements of each kind it has."""
+@dataclass
+class Given:
+    """What route files hold, with types before routes before traffic, sorted by departure."""
+
+    elements: list[ElementTree.Element] = dataclasses.field(default_factory=list)
+    counts: Counter[str] = dataclasses.field(default_factory=Counter)
+
+    def add(self, path: Path, field: str) -> None:
+        """Take in a file, without what is no car's."""
+        try:
+            root = ElementTree.parse(path).getroot()
+        except OSError as error:
+            raise UserError(field, path, f"the file cannot be read ({error.strerror})") from None
+        except ElementTree.ParseError as error:
+            raise UserError(field, path, f"not valid XML ({error})") from None
+        if root.tag not in ("routes", "additional", "trips"):
+            raise UserError(field, path, f"it must be a SUMO route file, not one of <{root.tag}>")
+        self.counts.update(child.tag for child in root)
+        for child in root:
+            if child.tag in ORDER:
+                for stop in child.findall("stop"):
+                    self.counts["stop"] += 1
+                    child.remove(stop)
+                child.attrib.pop("arrival", None)
+                self.elements.append(child)
+
+    @property
+    def traffic(self) -> list[ElementTree.Element]:
+        """The vehicles, trips and flows."""
+        return [element for element in self.elements if element.tag in TRAFFIC]
+
+    def departures(self) -> dict[str, float]:
+        """When single vehicles depart [s], by id, as far as a number says so."""
+        return {
+            element.get("id", ""): _seconds(element)
+            for element in self.traffic
+            if element.tag != "flow"
+        }
+
+    def write(self, target: Path) -> None:
+        """Write all of it as one route file."""
+        root = ElementTree.Element("routes")
+        definitions = (e for e in self.elements if e.tag not in TRAFFIC)
+        root.extend(sorted(definitions, key=lambda e: ORDER.index(e.tag)))
+        root.extend(sorted(self.traffic, key=_seconds))
+        ElementTree.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
+
+
+def _seconds(element: ElementTree.Element) -> float:
+    """The departure of a vehicle, or the begin of a flow [s]; 0 where it is not a number."""
     try:
-        tree = ElementTree.parse(source)
-    except OSError as error:
-        raise UserError(field, source, f"the file cannot be read ({error.strerror})") from None
-    except ElementTree.ParseError as error:
-        raise UserError(field, source, f"not valid XML ({error})") from None
-    root = tree.getroot()
-    if root.tag not in ("routes", "additional", "trips"):
-        raise UserError(field, source, f"it must be a SUMO route file, not one of <{root.tag}>")
-    root.attrib.clear()  # a schema's address would be looked up
-    counts = Counter(child.tag for child in root)
-    for child in [child for child in root if child.tag not in OWN_ROUTES]:
-        root.remove(child)
-    for child in root:
-        for stop in child.findall("stop"):
-            counts["stop"] += 1
-            child.remove(stop)
-        child.attrib.pop("arrival", None)
-    tree.write(target, encoding="utf-8", xml_declaration=True)
-    return counts
+        return float(element.get("depart", element.get("begin", "0")))
+    except ValueError:
+        return 0.0
 
 
 def _duarouter(
-    net: Path, inputs: Sequence[Path], target: Path, begin: float, end: float, seed: int
+    net: Path, given: Path, target: Path, begin: float, end: float, seed: int
 ) -> list[str]:
     """Route everything; returns the lines that duarouter complains in."""
     command = [
         sumo_tool("duarouter"),
         f"--net-file={net}",
-        f"--route-files={','.join(map(str, inputs))}",
+        f"--route-files={given}",
         f"--output-file={target}",
-        f"--begin={begin:g}",
-        f"--end={end:g}",
+        f"--begin={begin:.2f}",
+        f"--end={end:.2f}",
         f"--seed={seed}",
         "--skip-new-routes",
         "--ignore-errors",
-        "--unsorted-input",
         "--no-step-log",
         "--xml-validation=never",
         "--xml-validation.net=never",
@@ -131,39 +164,44 @@ def _nothing(
     field: str,
     problems: Sequence[str],
     unknown: Sequence[str],
+    given: Given,
     begin: float,
-    horizon: float,
 ) -> UserError:
     if unknown:
         return UserError(field, path, f"it must be for this net, but: {_words(unknown[0])}")
     if problems:
         return UserError(field, path, f"none of it can be routed: {_words(problems[0])}")
-    end = begin + horizon
-    first = _first_departure(path)
-    hint = f"; the first at {first:g} s, see --begin" if first is not None else ""
-    return UserError(field, path, f"no vehicle in it departs from {begin:g} s to {end:g} s{hint}")
-
-
-def _first_departure(path: Path) -> float | None:
-    times = [
-        float(value)
-        for element in ElementTree.parse(path).getroot()
-        for value in [element.get("depart", element.get("begin", ""))]
-        if value.replace(".", "", 1).isdigit()
-    ]
-    return min(times, default=None)
+    first = min(map(_seconds, given.traffic))
+    return UserError(
+        field,
+        path,
+        f"no vehicle in it departs from {begin:g} s on within the horizon; the first departs at "
+        f"{first:g} s, see --begin",
+    )
 
 
 def _words(line: str) -> str:
     return " ".join(line.removeprefix("Error:").removeprefix("Warning:").split()).rstrip(".;")
 
 
-def _notes(counts: Counter[str], problems: Sequence[str]) -> list[str]:
+def _notes(
+    given: Given, kept: set[str], problems: Sequence[str], begin: float, end: float
+) -> list[str]:
+    counts = given.counts
     notes = [f"{counts[kind]} {kind} elements are left out" for kind in NO_CARS if counts[kind]]
     if counts["stop"]:
         notes.append(f"{counts['stop']} stops on the way (bus stops) are left out")
-    lost = [line for line in problems if "No connection" in line or "has no valid route" in line]
+    departures = given.departures()
+    outside = sum(not begin <= time < end for time in departures.values())
+    if outside:
+        notes.append(
+            f"{outside} vehicles that depart before {begin:g} s or after {end:g} s are left out"
+        )
+    lost = [k for k, time in departures.items() if begin <= time < end and k not in kept]
+    if lost:
+        notes.append(
+            f"{len(lost)} vehicles have no way through the net and are left out, as {lost[0]}"
+        )
     if problems:
-        shown = _words((lost or problems)[0])
-        notes.append(f"{len(problems)} complaints of duarouter, the first: {shown}")
+        notes.append(f"duarouter complained {len(problems)} times, first: {_words(problems[0])}")
     return notes

@@ -2,7 +2,6 @@
 
 import shutil
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -27,7 +26,13 @@ from tsc_missing.network.folder import (
 from tsc_missing.network.osm import convert_osm
 from tsc_missing.network.records import write_record
 from tsc_missing.network.sumo import SumoNet, compile_sumo, open_net
-from tsc_missing.network.sumo_files import SumoFiles, find_files, read_additional, write_programs
+from tsc_missing.network.sumo_files import (
+    Additional,
+    SumoFiles,
+    find_files,
+    read_additional,
+    write_programs,
+)
 
 HORIZON = 3600.0  # [s], where nothing says another
 
@@ -51,6 +56,10 @@ class SumoImport:
         """The option that names the source."""
         return "osm" if self.kind == "osm" else "sumo-net"
 
+    def named(self, files: SumoFiles) -> Path:
+        """The file to name in errors about the net."""
+        return self.source if self.kind == "osm" else files.net
+
 
 def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out") -> Manifest:
     """Write a network folder; ``field`` names ``target`` in errors.
@@ -60,10 +69,10 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
         files = _files(wanted, Path(scratch))
         additional = read_additional(files.additional)
-        source = open_net(files.net, additional.states, wanted.field)
+        source = open_net(files.net, additional.states, wanted.field, wanted.named(files))
         record = compile_sumo(source, wanted.signals, wanted.all_phases)
         begin, horizon = _times(wanted, files)
-        found = _demand(wanted, files, additional.demand, source, begin, horizon)
+        found = _demand(wanted, files, additional, source, begin, horizon)
         left_out = [f"{n} {kind}" for kind, n in sorted(additional.left_out.items())]
         if left_out:
             source.notes.append(f"of the additional files left out: {', '.join(left_out)}")
@@ -113,14 +122,15 @@ def _times(wanted: SumoImport, files: SumoFiles) -> tuple[float, float]:
 def _demand(
     wanted: SumoImport,
     files: SumoFiles,
-    more: Sequence[Path],
+    additional: Additional,
     source: SumoNet,
     begin: float,
     horizon: float,
 ) -> Found | None:
-    routes = [*more, *files.routes, *wanted.routes]
+    routes = [*additional.demand, *files.routes, *wanted.routes]
+    there = bool(files.routes or wanted.routes or additional.has_traffic)
     if wanted.demand is not None:
-        if files.routes or wanted.routes:
+        if there:
             raise UserError(
                 "vehicles-per-hour",
                 wanted.demand.vehicles_per_hour,
@@ -129,7 +139,7 @@ def _demand(
         return generate_through_net(
             source.net, files.net, wanted.demand, begin, horizon, wanted.seed
         )
-    if not files.routes and not wanted.routes:
+    if not there:
         return None
     return route_demand(files.net, routes, begin, horizon, wanted.seed, "routes")
 

@@ -34,9 +34,13 @@ Programs = Mapping[str, Sequence[str]]  # the states of the program that a signa
 
 @dataclass
 class SumoNet:
-    """A SUMO net that was read, and the signal programs that came with it."""
+    """A SUMO net that was read, and the signal programs that came with it.
 
-    path: Path
+    ``option`` and ``given`` are what a user named it by.
+    """
+
+    option: str
+    given: Path
     net: Any
     left_hand: bool
     programs: dict[str, list[str]]
@@ -52,10 +56,13 @@ class SumoNet:
         }
 
 
-def open_net(path: Path, programs: Programs | None = None, name: str = FIELD) -> SumoNet:
+def open_net(
+    path: Path, programs: Programs | None = None, name: str = FIELD, given: Path | None = None
+) -> SumoNet:
     """Read a net, plain or gzipped; ``programs`` are those of additional files.
 
-    ``UserError`` in the name of the option ``name`` if there is no net in it.
+    ``UserError`` in the name of the option ``name``, and of the file ``given`` if that is another,
+    if there is no net in it.
     """
     if not path.is_file():
         raise UserError(name, path, "there is no such file")
@@ -73,7 +80,7 @@ def open_net(path: Path, programs: Programs | None = None, name: str = FIELD) ->
         states = list((programs or {}).get(light.getID(), states))
         if states:
             found[light.getID()] = states
-    return SumoNet(path, net, _left_hand(path), found)
+    return SumoNet(name, given or path, net, _left_hand(path), found)
 
 
 def _left_hand(path: Path) -> bool:
@@ -101,7 +108,7 @@ def compile_sumo(
         if name not in known:
             raise UserError("signals", name, nearest(name, known) if known else "there are none")
     if not known:
-        raise UserError(FIELD, source.path, "no junction in it has traffic signals")
+        raise UserError(source.option, source.given, "no junction in it has traffic signals")
     intersections, left_out = [], []
     for name in known:
         if chosen and name not in chosen:
@@ -119,7 +126,9 @@ def compile_sumo(
         left_out.append(f"{name} ({why})")
     if not intersections:
         raise UserError(
-            FIELD, source.path, f"no signal in it has anything to decide: {', '.join(left_out)}"
+            source.option,
+            source.given,
+            f"no signal in it has anything to decide: {', '.join(left_out)}",
         )
     source.notes += _notes(source, intersections, left_out, chosen)
     entrances = {lane for node in intersections for lane in (k.from_lane for k in node.links)}

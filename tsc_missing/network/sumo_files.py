@@ -35,6 +35,7 @@ class Additional:
 
     programs: dict[str, ElementTree.Element] = field(default_factory=dict)
     demand: list[Path] = field(default_factory=list)
+    has_traffic: bool = False
     left_out: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -94,6 +95,7 @@ def read_additional(paths: tuple[Path, ...]) -> Additional:
         root = _parse(path)
         if any(child.tag in DEMAND for child in root):
             found.demand.append(path)
+        found.has_traffic |= any(child.tag in DEMAND[:3] for child in root)
         for child in root:
             if child.tag == "tlLogic" and child.get("type") not in NO_SIGNALS:
                 found.programs[child.get("id", "")] = child

@@ -68,7 +68,7 @@ class Simulation:
             *outputs,
         ]
         if inputs.begin:
-            self._options.append(f"--begin={inputs.begin:g}")
+            self._options.append(f"--begin={inputs.begin:.2f}")
         if inputs.additional:
             self._options.append(f"--additional-files={','.join(map(str, inputs.additional))}")
         self.api: Any = None
