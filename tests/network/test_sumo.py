@@ -127,6 +127,52 @@ def test_signal_groups_keep_their_place_in_the_state(tmp_path):
             assert (shown[place] == "r") == (green_state(node, phase)[link] == "r")
 
 
+def test_one_signal_at_two_junctions(tmp_path):
+    """Offset side roads: the road between the junctions goes with the main road."""
+    nodes = {
+        "w": (-200, 0),
+        "a": (0, 0),
+        "b": (40, 0),
+        "e": (240, 0),
+        "n": (0, 200),
+        "s": (40, -200),
+    }
+    ends = [("w", "a"), ("a", "b"), ("b", "e"), ("n", "a"), ("s", "b")]
+    light = ' type="traffic_light" tl="J"'
+    lines = [
+        f'<node id="{k}" x="{x}" y="{y}"{light if k in "ab" else ""}/>'
+        for k, (x, y) in nodes.items()
+    ]
+    (tmp_path / "j.nod.xml").write_text(f"<nodes>{''.join(lines)}</nodes>")
+    edges = [f'<edge id="{i}{j}" from="{i}" to="{j}"/>' for p in ends for i, j in (p, p[::-1])]
+    (tmp_path / "j.edg.xml").write_text(f"<edges>{''.join(edges)}</edges>")
+    command = [sumo_tool("netconvert"), "-n", "j.nod.xml", "-e", "j.edg.xml", "-o", "j.net.xml"]
+    subprocess.run([*command, "--no-turnarounds"], cwd=tmp_path, check=True, capture_output=True)
+    source, network = read(tmp_path / "j.net.xml")
+    assert network.ids == ("J",)
+    roads = network.intersections[0].roads
+    assert (roads["ab"], roads["ba"]) == (roads["wa"], roads["eb"])
+    assert len({roads[name] for name in ("wa", "eb", "na", "sb")}) == 4
+    assert_sound(network)
+    assert any("several junctions: J" in note for note in source.notes)
+
+
+def test_lanes_without_a_signal_are_no_movements(tmp_path):
+    """Right turns that bypass the signal: their slots are absent, and nothing waits for them."""
+    path = cross(tmp_path)
+    tree = ElementTree.parse(path)
+    connections = [c for c in tree.iter("connection") if c.get("tl")]
+    for connection in connections:
+        if connection.get("dir") == "r":
+            del connection.attrib["tl"], connection.attrib["linkIndex"]
+    tree.write(path)
+    _, network = read(path)
+    assert_sound(network)
+    assert {slot % len(TURNS) for slot in np.flatnonzero(network.slot_mask[0])} == {0, 1}
+    node = network.intersections[0]
+    assert node.state_length == len(connections)  # the places are still in SUMO's state
+
+
 def test_left_hand_traffic_is_the_mirror_image(tmp_path):
     """Right turns cross the oncoming traffic, so from shared lanes they wait for gaps."""
     source, network = read(star(tmp_path, CROSS, 1, options=("--lefthand",)))

@@ -55,7 +55,8 @@ def course_over_time(course: Course, horizon: float) -> FloatArray:
     ``peak`` is four times as high in the middle third as outside it, ``ramp`` rises from 0,
     ``gaussian`` is a bell around the middle.
     """
-    middle = (np.arange(math.ceil(horizon / BIN)) + 0.5) * BIN / horizon
+    bounds = np.minimum(np.arange(math.ceil(horizon / BIN) + 1) * BIN, horizon) / horizon
+    middle = (bounds[:-1] + bounds[1:]) / 2
     shape: FloatArray = {
         "constant": np.ones_like(middle),
         "peak": np.where(np.abs(middle - 0.5) <= 1 / 6, 2.0, 0.5),

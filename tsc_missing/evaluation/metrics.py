@@ -61,7 +61,7 @@ def summarise(
     scheduled = np.array([trip.depart for trip in scene.demand.trips], dtype=float)
     trips = read_trips(files.trips, scheduled, scene.begin)
     totals = read_totals(files.statistics)
-    on_approach = lane_seconds(files.lanes, scene.network.entrance_lanes)
+    on_approach = lane_seconds(files.lanes, scene.network.sensor_lanes)
     fields: dict[str, object] = {
         **_travel_times(trips, on_approach, horizon),
         **_counts(trips, totals, horizon),
