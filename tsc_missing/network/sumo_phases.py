@@ -43,6 +43,29 @@ def plan_phases(signal: Signal, all_phases: bool = False) -> Plan:
     mixed = {i for unit in units if _is_mixed(signal, unit) for i in unit}
     gentle = _gentle_conflicts(signal, units, free, mixed)
     riders = [unit for unit in units if _is_rider(signal, unit, units)]
+    phases = _choose(signal, units, riders, gentle, all_phases)
+    while lonely := [rider for rider in riders if not any(rider <= green for _, green in phases)]:
+        riders = [rider for rider in riders if rider not in lonely]
+        phases = _choose(signal, units, riders, gentle, all_phases)
+    names = _names([main for main, _ in phases], signal)
+    return Plan(
+        phases=tuple(
+            PhaseRecord(name=name, links=tuple(sorted(green)))
+            for name, (_, green) in zip(names, phases, strict=True)
+        ),
+        free=tuple(sorted(free)),
+        yields=tuple(tuple(sorted(j for j in links if (i, j) in gentle)) for i in links),
+    )
+
+
+def _choose(
+    signal: Signal,
+    units: Sequence[Unit],
+    riders: Sequence[Unit],
+    gentle: set[tuple[int, int]],
+    all_phases: bool,
+) -> list[tuple[Unit, Unit]]:
+    """The phases in order: the links that they are made for, and all that are green."""
     main = [unit for unit in units if unit not in riders]
     together = {
         (a, b)
@@ -51,14 +74,9 @@ def plan_phases(signal: Signal, all_phases: bool = False) -> Plan:
     }
     found = sorted(_cliques(len(main), together))
     chosen = found if all_phases else _cover(signal, main, found)
-    served = [_with_riders(signal, [main[u] for u in phase], riders, gentle) for phase in chosen]
-    names = _names([[main[u] for u in phase] for phase in chosen], signal)
-    order = sorted(range(len(chosen)), key=lambda p: _order(signal, [main[u] for u in chosen[p]]))
-    return Plan(
-        phases=tuple(PhaseRecord(name=names[p], links=tuple(sorted(served[p]))) for p in order),
-        free=tuple(sorted(free)),
-        yields=tuple(tuple(sorted(j for j in links if (i, j) in gentle)) for i in links),
-    )
+    made_for = [frozenset[int]().union(*(main[u] for u in phase)) for phase in chosen]
+    made_for.sort(key=lambda green: _order(signal, green))
+    return [(green, _with_riders(signal, green, riders, gentle)) for green in made_for]
 
 
 def _free(signal: Signal) -> frozenset[int]:
@@ -225,30 +243,29 @@ def _unlike(
 
 
 def _with_riders(
-    signal: Signal, phase: Sequence[Unit], riders: Sequence[Unit], gentle: set[tuple[int, int]]
-) -> set[int]:
+    signal: Signal, phase: Unit, riders: Sequence[Unit], gentle: set[tuple[int, int]]
+) -> Unit:
     """The links of a phase, with the near-side turns that go along.
 
     These are the ones that conflict with nothing in it, and those that may give way and whose
     road has another movement in it.
     """
-    links = set(itertools.chain(*phase))
-    roads = {signal.links[i].road for i in links}
+    links = phase
+    roads = {signal.links[i].road for i in phase}
     for rider in riders:
         beside = any(signal.links[i].road in roads for i in rider)
         quiet = not any(signal.foes[i] & links for i in rider)
-        if quiet or (beside and not _hard(signal, rider, frozenset(links), gentle)):
+        if quiet or (beside and not _hard(signal, rider, links, gentle)):
             links |= rider
     return links
 
 
-def _names(phases: Sequence[Sequence[Unit]], signal: Signal) -> list[str]:
+def _names(phases: Sequence[Unit], signal: Signal) -> list[str]:
     """For example ``ET_WT`` for straight on from east and west; numbered where that is not one."""
     names = []
     for phase in phases:
-        slots = sorted({signal.links[i].slot for i in itertools.chain(*phase)})
         turns: dict[str, str] = {}
-        for slot in slots:
+        for slot in sorted({signal.links[i].slot for i in phase}):
             approach = APPROACHES[slot // len(TURNS)]
             turns[approach] = turns.get(approach, "") + LETTERS[slot % len(TURNS)]
         names.append("_".join(approach + made for approach, made in turns.items()))
@@ -258,8 +275,7 @@ def _names(phases: Sequence[Sequence[Unit]], signal: Signal) -> list[str]:
     ]
 
 
-def _order(signal: Signal, phase: Sequence[Unit]) -> tuple[bool, int, int]:
+def _order(signal: Signal, phase: Unit) -> tuple[bool, int, int]:
     """Straight movements first, then those with more links."""
-    links = set(itertools.chain(*phase))
-    straight = any(signal.links[i].turn == STRAIGHT for i in links)
-    return not straight, -len(links), min(links)
+    straight = any(signal.links[i].turn == STRAIGHT for i in phase)
+    return not straight, -len(phase), min(phase)
