@@ -218,7 +218,8 @@ def test_resco_networks_import_as_they_are(command, name, intersections, vehicle
     done = command("net", "import", "--sumo-net", folder / f"{name}.sumocfg", "--out", name)
     assert done.returncode == 0, done.stderr
     assert f"{name}: {intersections} intersections, {vehicles} vehicles" in done.stdout
-    for options in (["max-queue", "--missing", "kriging", "--rate", 0.25], ["as-built"]):
+    blind = ["max-queue", "--missing", "kriging", "--rate", 0.25, "--sensor", "area"]
+    for options in (blind, ["as-built"]):
         result = run(command, name, "--controller", *options)["result"]
         assert result["inserted"] > 0
         assert result["collisions"] == result["teleports"] == result["fallbacks"] == 0

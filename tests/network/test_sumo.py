@@ -13,6 +13,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool, write_net
 from tsc_missing.network.slots import N_SLOTS, RIGHT, TURNS, slot_name
 from tsc_missing.network.sumo import compile_sumo, open_net, yellow_for
+from tsc_missing.simulation.detectors import covered_lanes
 from tsc_missing.simulation.states import check_state, green_state, sumo_state
 
 CROSS = (0, 90, 180, 270)
@@ -249,6 +250,9 @@ def test_neighbours_are_found_through_junctions_without_signals(tmp_path):
     assert len(network.sensor_lanes) == len(network.entrance_lanes) + 2
     assert np.bincount(places, weight).max() <= 1 + 1e-9
     assert flat.max() < network.n * N_SLOTS
+    short = max(parts[0].distance for parts in network.record.reach.values())
+    assert covered_lanes(network, short / 2) == network.entrance_lanes
+    assert covered_lanes(network, short + 1) == network.sensor_lanes
 
 
 def test_yellow_follows_from_the_speed():

@@ -23,15 +23,22 @@ def write_area_detectors(network: Network, length: float, target: Path) -> None:
     that its sensor reaches to.
     """
     lines = []
-    for lane in network.sensor_lanes:
+    for lane in covered_lanes(network, length):
         whole, distance = network.record.lanes[lane].length, _distance(network, lane)
-        if length > distance:
-            lines.append(_area(lane, lane, max(whole - (length - distance), 0.0), whole))
+        lines.append(_area(lane, lane, max(whole - (length - distance), 0.0), whole))
     for lane in _boundary(network):
         lines.append(
             _area(_exit_name(lane), lane, 0.0, min(length, network.record.lanes[lane].length))
         )
     target.write_text("\n".join(["<additional>", *lines, "</additional>", ""]), encoding="utf-8")
+
+
+def covered_lanes(network: Network, length: float) -> tuple[str, ...]:
+    """The lanes that sensors of ``length`` [m] before the stop lines see something of.
+
+    The entrance lanes come first, in the network's order.
+    """
+    return tuple(lane for lane in network.sensor_lanes if _distance(network, lane) < length)
 
 
 def _distance(network: Network, lane: str) -> float:
@@ -67,15 +74,27 @@ class Detectors:
         self._network = network
         self._domain = api.lane if sensor.kind == "lane" else api.lanearea
         exits = _boundary(network)
-        names = exits if sensor.kind == "lane" else tuple(map(_exit_name, exits))
-        self._lanes = (*network.sensor_lanes, *names)
-        self._exits = {lane: len(network.sensor_lanes) + k for k, lane in enumerate(exits)}
+        if sensor.kind == "lane":
+            self._sensors, names = network.sensor_lanes, exits
+        else:
+            self._sensors = covered_lanes(network, sensor.length)
+            names = tuple(map(_exit_name, exits))
+        self._lanes = (*self._sensors, *names)
+        self._exits = {lane: len(self._sensors) + k for k, lane in enumerate(exits)}
         self._subscribed = not hasattr(api, "isLibsumo")  # a connection of TraCI
         if self._subscribed:
             for lane in self._lanes:
                 self._domain.subscribe(lane, [VEHICLE_NUMBER, HALTING_NUMBER])
-        self._lane, self._slot, self._weight = network.sensor_slots
+        self._lane, self._slot, self._weight = self._sensor_table()
         self._exit_lane, self._exit_slot = self._exit_table()
+
+    def _sensor_table(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """The network's table of sensors, of the lanes that are covered, by their position here."""
+        position = {lane: k for k, lane in enumerate(self._sensors)}
+        places = [position.get(lane, -1) for lane in self._network.sensor_lanes]
+        lanes, slots, weights = self._network.sensor_slots
+        here = np.array(places, dtype=np.int64)[lanes]
+        return here[here >= 0], slots[here >= 0], weights[here >= 0]
 
     def _exit_table(self) -> tuple[IntArray, IntArray]:
         pairs = [
@@ -89,19 +108,18 @@ class Detectors:
         return table[:, 0], table[:, 1]
 
     def _counts(self) -> tuple[FloatArray, FloatArray]:
-        """Vehicles on each lane, and the queue on each entrance lane, which are the first of them.
+        """Vehicles on each lane, and the queue on each lane of a sensor, which come first.
 
         By calls in process, in one answer over TraCI: libsumo gathers what is subscribed to at
         every advance, which costs more than the calls.
         """
-        entrances = self._network.entrance_lanes
         if self._subscribed:
             found = self._domain.getAllSubscriptionResults()
             vehicles = [found[lane][VEHICLE_NUMBER] for lane in self._lanes]
-            queue = [found[lane][HALTING_NUMBER] for lane in entrances]
+            queue = [found[lane][HALTING_NUMBER] for lane in self._sensors]
         else:
             vehicles = list(map(self._domain.getLastStepVehicleNumber, self._lanes))
-            queue = list(map(self._domain.getLastStepHaltingNumber, entrances))
+            queue = list(map(self._domain.getLastStepHaltingNumber, self._sensors))
         return np.array(vehicles, dtype=float), np.array(queue, dtype=float)
 
     def read(self) -> Measurement:
