@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.network.folder import Manifest
 from tsc_missing.paths import user_networks
@@ -33,4 +34,9 @@ def say_written(manifest: Manifest, target: Path) -> None:
     )
     for note in manifest.notes or ():
         console.print(note if note.startswith("warning: ") else f"note: {note}", markup=False)
+    horizon = manifest.horizon
+    if horizon is not None and horizon != RunSettings().horizon:
+        console.print(
+            f"its demand lasts {horizon:g} s: tsc-run --horizon {horizon:g}", markup=False
+        )
     console.print(f"written to {target}", markup=False)
