@@ -4,6 +4,8 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from tsc_missing.network.records import IntersectionRecord
+
 
 class Settings(BaseModel):
     """A frozen group of settings that refuses unknown names."""
@@ -70,6 +72,17 @@ class SignalSettings(Settings):
     yellow: int = Field(5, gt=0)  # inside the interval, when the phase changes
     all_red: int = Field(0, ge=0)  # after the yellow, inside the interval
     min_green: int = Field(10, ge=0)
+    network_timing: bool = True  # where an intersection has its own yellow and min_green, those
+
+    def yellow_at(self, node: IntersectionRecord) -> int:
+        """The yellow of an intersection [s]."""
+        own = node.yellow if self.network_timing else None
+        return self.yellow if own is None else own
+
+    def min_green_at(self, node: IntersectionRecord) -> int:
+        """The minimum green of an intersection [s]."""
+        own = node.min_green if self.network_timing else None
+        return self.min_green if own is None else own
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 
 from tests.networks import grid_network
 from tsc_missing.config import SignalSettings
+from tsc_missing.network.model import Network
 from tsc_missing.simulation.signals import SignalGuard, Signals
 from tsc_missing.simulation.states import (
     SignalSafetyError,
     check_state,
     green_state,
     red_state,
+    sumo_state,
     yellow_state,
 )
 
@@ -183,3 +185,50 @@ def test_the_guard_refuses_bad_changes(states, words):
         guard.send(0, named[name], time)
     with pytest.raises(SignalSafetyError, match=words):
         guard.send(0, named[states[-1][1]], states[-1][0])
+
+
+def test_every_intersection_keeps_its_own_yellow():
+    first, *others = NETWORK.intersections
+    own = first.model_copy(update={"yellow": 3, "min_green": 7})
+    record = NETWORK.record.model_copy(update={"intersections": (own, *others)})
+    recorder = Recorder()
+    signals = Signals(Network("own", record), SignalSettings(all_red=1), recorder.send)
+    for step, wanted in enumerate([0, 1]):
+        now = recorder.now = 15.0 * step
+        signals.command(np.full(NETWORK.n, wanted), now)
+        for moment in signals.moments:
+            recorder.now = moment
+            signals.clear(moment)
+            signals.release(moment)
+    times = {light: [time for time, _ in states] for light, states in recorder.states.items()}
+    assert times[own.id] == [0, 0, 15, 18, 19]
+    assert {tuple(times[node.id]) for node in others} == {(0, 0, 15, 20, 21)}
+
+
+def test_a_yellow_that_gives_way_may_end_beside_the_green_it_gave_way_to():
+    """Only in going on from a legal state: not against a green that is new."""
+    links = NODE.links[:2]
+    node = NODE.model_copy(
+        update={
+            "links": links,
+            "foes": ((1,), (0,)),
+            "yields": ((1,), ()),
+            "phases": (),
+            "free": (),
+        }
+    )
+    check_state(node, "gG")
+    check_state(node, "yG", "gG")
+    for before in ("", "gr"):
+        with pytest.raises(SignalSafetyError, match="conflict"):
+            check_state(node, "yG", before)
+
+
+def test_links_that_share_a_place_are_of_one_colour():
+    node = NODE.model_copy(
+        update={"links": NODE.links[:3], "positions": (2, 0, 2), "state_length": 4}
+    )
+    assert sumo_state(node, "GrG") == "rrGr"
+    assert sumo_state(node, "Grg") == "rrgr"
+    with pytest.raises(SignalSafetyError, match="share place 2"):
+        sumo_state(node, "Grr")

@@ -18,10 +18,10 @@ def make_settings(**values: Any) -> RunSettings:
         first = error.errors(include_url=False)[0]
         name = str(first["loc"][-1]) if first["loc"] else "options"
         option = OPTION_OF.get(name, name).replace("_", "-")
-        raise UserError(f"--{option}", first["input"], _allowed(first)) from None
+        raise UserError(f"--{option}", first["input"], allowed(first)) from None
 
 
-def _allowed(problem: Any) -> str:
+def allowed(problem: Any) -> str:
     """Words for what is allowed, with the nearest name where a name was wanted."""
     if problem["type"] == "literal_error":
         names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")

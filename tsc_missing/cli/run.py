@@ -79,14 +79,22 @@ def run(
         int, typer.Option(help="Seconds between decisions.")
     ] = DEFAULT.signals.decision_interval,
     yellow: Annotated[
-        int, typer.Option(help="Seconds of yellow at a change of phase.")
-    ] = DEFAULT.signals.yellow,
+        int | None,
+        typer.Option(
+            help="Seconds of yellow at a change of phase.",
+            show_default=f"{DEFAULT.signals.yellow}, or the network's own",
+        ),
+    ] = None,
     all_red: Annotated[
         int, typer.Option(help="Seconds of all-red after the yellow.")
     ] = DEFAULT.signals.all_red,
     min_green: Annotated[
-        int, typer.Option(help="Seconds that a green lasts at least.")
-    ] = DEFAULT.signals.min_green,
+        int | None,
+        typer.Option(
+            help="Seconds that a green lasts at least.",
+            show_default=f"{DEFAULT.signals.min_green}, or the network's own",
+        ),
+    ] = None,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="The run folder to write. Default: a new one in runs/")
@@ -115,9 +123,10 @@ def run(
         sensor={"kind": sensor, "length": detector_length},
         signals={
             "decision_interval": decision_interval,
-            "yellow": yellow,
+            "yellow": DEFAULT.signals.yellow if yellow is None else yellow,
             "all_red": all_red,
-            "min_green": min_green,
+            "min_green": DEFAULT.signals.min_green if min_green is None else min_green,
+            "network_timing": yellow is None and min_green is None,
         },
         seed=seed,
         horizon=horizon,

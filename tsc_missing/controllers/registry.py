@@ -16,10 +16,10 @@ from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import DIFFUSION, make_imputer
-from tsc_missing.simulation.native import KINDS
+from tsc_missing.simulation.native import AS_BUILT, KINDS
 from tsc_missing.weights.find import find_weights
 
-NATIVE = KINDS  # SUMO's own programs: names for comparisons, not controllers
+NATIVE = (*KINDS, AS_BUILT)  # SUMO's own programs: names for comparisons, not controllers
 
 
 @dataclass(frozen=True)

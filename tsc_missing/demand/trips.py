@@ -14,26 +14,36 @@ from tsc_missing.network.slots import N_SLOTS
 
 VEHICLE_TYPE_ID = "car"
 
+Attributes = tuple[tuple[str, str], ...]
+
 
 @dataclass(frozen=True)
 class Trip:
-    """One vehicle: its scheduled departure [s] and the roads of its route."""
+    """One vehicle: its scheduled departure [s] after the begin and the roads of its route.
+
+    ``attributes`` are SUMO's further ones (type, departLane, …); None: the run's own car.
+    """
 
     depart: float
     route: tuple[str, ...]
+    attributes: Attributes | None = None
 
 
 @dataclass(frozen=True)
 class Demand:
-    """All trips of a scenario, sorted by departure, and where they come from."""
+    """All trips of a scenario, sorted by departure, and where they come from.
+
+    ``types`` are the vehicle types that trips with attributes name, as SUMO's XML elements.
+    """
 
     trips: tuple[Trip, ...]
     source: str  # "recorded" or "profile"
+    types: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, trips: Iterable[Trip], source: str) -> "Demand":
+    def of(cls, trips: Iterable[Trip], source: str, types: Iterable[str] = ()) -> "Demand":
         """A demand of trips in any order; equal departures keep the order given."""
-        return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), source)
+        return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), source, tuple(types))
 
 
 def turning_flows(
@@ -59,23 +69,45 @@ def turning_flows(
     return counts.reshape(network.n, N_SLOTS) * 3600.0 / horizon
 
 
-def write_routes(demand: Demand, vehicle: VehicleType, target: Path) -> None:
-    """Write a SUMO route file: one vehicle type, each distinct route once, a vehicle a trip.
+def write_routes(demand: Demand, vehicle: VehicleType, target: Path, begin: float = 0.0) -> None:
+    """Write a SUMO route file: the vehicle types, each distinct route once, a vehicle a trip.
 
     Vehicles are named by their position in the demand, so that trip k is vehicle ``"k"``.
+    ``vehicle`` is the car of the trips without attributes; departures are written after ``begin``
+    [s].
     """
     routes: dict[tuple[str, ...], int] = {}
     vehicles = []
+    written: dict[Attributes | None, tuple[str, str]] = {None: _written(_as_attributes(vehicle))}
     for number, trip in enumerate(demand.trips):
         route = routes.setdefault(trip.route, len(routes))
+        if trip.attributes not in written:
+            written[trip.attributes] = _written(trip.attributes or ())
+        kind, how = written[trip.attributes]
         vehicles.append(
-            f'<vehicle id="{number}" type="{VEHICLE_TYPE_ID}" route="r{route}" '
-            f'depart="{trip.depart:.2f}" departLane="{vehicle.depart_lane}" '
-            f'departSpeed="{vehicle.depart_speed}" departPos="{vehicle.depart_pos}"/>'
+            f'<vehicle id="{number}"{kind} route="r{route}" '
+            f'depart="{begin + trip.depart:.2f}"{how}/>'
         )
+    ours = any(trip.attributes is None for trip in demand.trips)
+    car = [vehicle.as_xml(VEHICLE_TYPE_ID)] if ours else []
     listed = [
         f'<route id="r{number}" edges={quoteattr(" ".join(roads))}/>'
         for roads, number in routes.items()
     ]
-    lines = ["<routes>", vehicle.as_xml(VEHICLE_TYPE_ID), *listed, *vehicles, "</routes>", ""]
+    lines = ["<routes>", *car, *demand.types, *listed, *vehicles, "</routes>", ""]
     target.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _written(attributes: Attributes) -> tuple[str, str]:
+    """The vehicle's type and its other attributes as XML, each with a blank before it."""
+    kind = "".join(f" {k}={quoteattr(v)}" for k, v in attributes if k == "type")
+    return kind, "".join(f" {k}={quoteattr(v)}" for k, v in attributes if k != "type")
+
+
+def _as_attributes(vehicle: VehicleType) -> Attributes:
+    return (
+        ("type", VEHICLE_TYPE_ID),
+        ("departLane", vehicle.depart_lane),
+        ("departSpeed", vehicle.depart_speed),
+        ("departPos", vehicle.depart_pos),
+    )

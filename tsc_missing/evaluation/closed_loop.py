@@ -28,6 +28,8 @@ class Scene:
     net_file: Path
     demand: Demand
     mask: BoolArray  # (T, N, 12)
+    begin: float = 0.0  # [s] on SUMO's clock; all other times count from it
+    additional: Path | None = None  # signal programs beside those of the net
 
 
 @dataclass
@@ -86,7 +88,7 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         turning_flows=turning_flows(scene.demand.trips, scene.network, settings.horizon),
         sensors=np.any(scene.mask, axis=0),
         decision_interval=signals.decision_interval,
-        lost_time=signals.yellow + signals.all_red,
+        lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,
         seed=int(stream(settings.seed, "controller").integers(2**31)),
     )
 
@@ -124,16 +126,17 @@ def _write_inputs(
     scene: Scene, settings: RunSettings, controller: Controller | NativeProgram, folder: Path
 ) -> Inputs:
     routes, lanes = folder / "demand.rou.xml", folder / "lanes.add.xml"
-    write_routes(scene.demand, settings.vehicle, routes)
+    write_routes(scene.demand, settings.vehicle, routes, scene.begin)
     OutputFiles(folder).write_lane_request(lanes)
-    additional = [lanes]
+    additional = [*([scene.additional] if scene.additional else []), lanes]
     if settings.sensor.kind == "area":
         additional.append(folder / "detectors.add.xml")
         write_area_detectors(scene.network, settings.sensor.length, additional[-1])
     if isinstance(controller, NativeProgram):
-        additional.append(folder / "signals.add.xml")
-        controller.write(settings.signals, additional[-1])
-    return Inputs(scene.net_file, routes, tuple(additional))
+        programs = folder / "signals.add.xml"
+        if controller.write(settings.signals, programs):
+            additional.append(programs)
+    return Inputs(scene.net_file, routes, tuple(additional), scene.begin)
 
 
 def _control(
@@ -158,13 +161,12 @@ def _control(
         asked = time.perf_counter()
         phases = controller.decide(observation)
         trace.decision_seconds[step] = time.perf_counter() - asked
-        if signals.command(phases, now):
-            simulation.advance(min(now + timing.yellow, end))
-            if timing.all_red and now + timing.yellow < end:
-                signals.clear(now + timing.yellow)
-                simulation.advance(min(now + timing.yellow + timing.all_red, end))
-            if now + timing.yellow + timing.all_red < end:
-                signals.release(now + timing.yellow + timing.all_red)
+        signals.command(phases, now)
+        for moment in signals.moments:
+            if moment < end:
+                simulation.advance(moment)
+                signals.clear(moment)
+                signals.release(moment)
         simulation.advance(end)
         trace.time[step], trace.truth[step], trace.phase[step] = now, truth.values, signals.phase
         estimates = controller.estimates()

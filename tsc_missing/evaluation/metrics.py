@@ -59,9 +59,9 @@ def summarise(
 ) -> tuple[Result, TripTimes]:
     """The result of a finished run, and the times of its trips."""
     scheduled = np.array([trip.depart for trip in scene.demand.trips], dtype=float)
-    trips = read_trips(files.trips, scheduled)
+    trips = read_trips(files.trips, scheduled, scene.begin)
     totals = read_totals(files.statistics)
-    on_approach = lane_seconds(files.lanes, scene.network.entrance_lanes)
+    on_approach = lane_seconds(files.lanes, scene.network.sensor_lanes)
     fields: dict[str, object] = {
         **_travel_times(trips, on_approach, horizon),
         **_counts(trips, totals, horizon),

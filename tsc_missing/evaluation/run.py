@@ -4,15 +4,16 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from tsc_missing.config import RunSettings
+from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.registry import NATIVE, make_controller, weights_of
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
-from tsc_missing.network.model import BoolArray
+from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.sensing.masks import load_mask
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.simulation.engine import EngineName
@@ -47,11 +48,22 @@ class Prepared:
 def prepare(settings: RunSettings, options: Options) -> Prepared:
     """Check everything a user can get wrong before anything starts."""
     scenario = find_scenario(settings.net, settings.demand)
-    network = scenario.folder.network
+    check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
-    mask = _mask(settings, options, scenario)
-    scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), mask)
+    scene = scenario.scene(settings, _mask(settings, options, scenario))
     return Prepared(settings, options, scenario, scene, controller)
+
+
+def check_timing(signals: SignalSettings, network: Network) -> None:
+    """Raise ``UserError`` where an intersection's own yellow does not fit the decision interval."""
+    for node in network.intersections:
+        clearing = signals.yellow_at(node) + signals.all_red
+        if clearing >= signals.decision_interval:
+            raise UserError(
+                "decision-interval",
+                signals.decision_interval,
+                f"it must be longer than yellow and all-red, which take {clearing} s at {node.id}",
+            )
 
 
 def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
@@ -130,6 +142,7 @@ def describe(prepared: Prepared, result: Result) -> dict[str, object]:
         "settings": prepared.settings.model_dump(mode="json"),
         "scenario": scenario.name,
         "demand": scenario.demand_kind,
+        "begin": scenario.folder.begin,
         "engine": prepared.options.engine,
         "mask": "replayed" if prepared.options.mask_file else "drawn",
         "checksums": checksums(prepared.settings, scenario),

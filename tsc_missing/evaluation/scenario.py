@@ -9,6 +9,7 @@ from tsc_missing.demand.profile import draw_demand, read_profile, record_turns
 from tsc_missing.demand.sumo import read_routes
 from tsc_missing.demand.trips import Demand
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.closed_loop import Scene
 from tsc_missing.files import sha256
 from tsc_missing.network.folder import (
     MANIFEST,
@@ -20,6 +21,7 @@ from tsc_missing.network.folder import (
     read_folder,
     unknown_network,
 )
+from tsc_missing.network.model import BoolArray
 from tsc_missing.paths import bundled
 
 
@@ -29,7 +31,7 @@ class Scenario:
 
     name: str
     folder: NetworkFolder
-    demand_kind: Literal["profile", "recorded"]
+    demand_kind: Literal["profile", "recorded", "generated"]
     demand_file: Path
 
     def checksums(self) -> dict[str, str]:
@@ -39,13 +41,27 @@ class Scenario:
 
     def demand(self, settings: RunSettings) -> Demand:
         """The trips of a run; a profile's are drawn with the run's seed and volume."""
-        if self.demand_kind == "recorded":
+        if self.demand_kind != "profile":
             if settings.volume != 1.0:
-                raise UserError("volume", settings.volume, "recorded demand has only volume 1")
-            return read_routes(self.demand_file, settings.horizon)
+                raise UserError(
+                    "volume", settings.volume, f"{self.demand_kind} demand has only volume 1"
+                )
+            return read_routes(self.demand_file, settings.horizon, self.folder.begin)
         turns = record_turns(self.folder.network.record)
         profile = read_profile(self.demand_file)
         return draw_demand(profile, turns, settings.seed, settings.volume, settings.horizon)
+
+    def scene(self, settings: RunSettings, mask: BoolArray) -> Scene:
+        """All that a run with that mask (T, N, 12) needs besides its settings."""
+        folder = self.folder
+        return Scene(
+            folder.network,
+            folder.net_file,
+            self.demand(settings),
+            mask,
+            folder.begin,
+            folder.signals_file,
+        )
 
 
 def find_scenario(net: str, demand: Literal["auto", "profile", "recorded"]) -> Scenario:
@@ -82,7 +98,9 @@ def _bundled(name: str, profile: Path) -> Scenario:
 def _recorded(name: str, path: Path, demand: str) -> Scenario:
     folder = read_folder(path, name)
     if demand == "profile":
-        raise UserError("demand", "profile", f"{name} has no profile, only recorded demand")
+        raise UserError(
+            "demand", "profile", f"{name} has no profile, only the demand in its folder"
+        )
     if folder.routes_file is None:
         raise UserError("demand", demand, f"{path} holds a network without a demand")
-    return Scenario(name, folder, "recorded", folder.routes_file)
+    return Scenario(name, folder, folder.manifest.demand or "recorded", folder.routes_file)

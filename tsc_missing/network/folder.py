@@ -19,6 +19,7 @@ FIELD = "net"
 NET = "net.net.xml"
 RECORD = "network.json"
 ROUTES = "routes.rou.xml"
+SIGNALS = "signals.add.xml"
 MANIFEST = "manifest.json"
 
 _RECORD = TypeAdapter(NetworkRecord)
@@ -31,10 +32,14 @@ class Manifest(BaseModel):
 
     format: Literal[1] = 1
     name: str
-    kind: Literal["grid", "cityflow"]
+    kind: Literal["grid", "cityflow", "sumo", "osm", "generated"]
     intersections: int
-    vehicles: int | None = None  # of the recorded demand, where there is one
-    horizon: float | None = None  # [s] that the recorded demand was read up to
+    vehicles: int | None = None  # of the demand that is in the folder, where there is one
+    demand: Literal["recorded", "generated"] | None = None  # None: recorded, where there is one
+    begin: float | None = None  # [s] on SUMO's clock, 0 if not given
+    horizon: float | None = None  # [s] after the begin that the demand was read up to
+    recipe: str | None = None  # the command line that makes a generated network
+    notes: tuple[str, ...] | None = None  # what was left out or is odd
     sources: dict[str, str] = {}  # SHA-256 of the files it was made from, by file name
     files: dict[str, str] = {}  # SHA-256 of the folder's own files
     versions: dict[str, str] = {}
@@ -57,6 +62,17 @@ class NetworkFolder:
         return self.path / NET
 
     @property
+    def begin(self) -> float:
+        """The time on SUMO's clock that runs begin at [s]."""
+        return self.manifest.begin or 0.0
+
+    @property
+    def signals_file(self) -> Path | None:
+        """Signal programs beside those of the net, where there are some."""
+        path = self.path / SIGNALS
+        return path if path.exists() else None
+
+    @property
     def routes_file(self) -> Path | None:
         """The recorded demand as a SUMO route file, where the folder has one."""
         path = self.path / ROUTES
@@ -65,7 +81,7 @@ class NetworkFolder:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the manifest last, with the checksums of the files that are in the folder."""
-    names = [name for name in (NET, RECORD, ROUTES) if (folder / name).exists()]
+    names = [name for name in (NET, RECORD, ROUTES, SIGNALS) if (folder / name).exists()]
     whole = manifest.model_copy(update={"files": {n: sha256(folder / n) for n in names}})
     text = json.dumps(whole.model_dump(exclude_none=True), indent=1) + "\n"
     (folder / MANIFEST).write_text(text, encoding="utf-8")

@@ -3,10 +3,12 @@
 Names are CityFlow's: ``intersection_c_r`` is in column c from the west and row r from the south,
 both from 1; ``road_c_r_d`` leaves it to the east, north, west or south (d = 0 to 3). Column or
 row 0 and the one past the last are boundary nodes without signals, where traffic enters and
-leaves.
+leaves. Roads may be missing: an intersection that keeps two roads has no signals, and one that
+keeps a single road is a dead end, where traffic enters and leaves too.
 """
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -48,6 +50,17 @@ class GridSpec(BaseModel):
     lane_width: Metres = 4.0  # [m]
     speed: Metres = 11.111  # [m/s]
     stop_distance: Metres = 15.0  # [m] from an intersection's centre to its stop lines
+    side_lanes: tuple[tuple[Turn, ...], ...] | None = None  # of north-south roads, if they differ
+    side_speed: Metres | None = None  # [m/s] on north-south roads, if it differs
+    removed: tuple[tuple[Cell, Cell], ...] = ()  # pairs of neighbours without a road between them
+
+    def lanes_along(self, heading: int) -> tuple[tuple[Turn, ...], ...]:
+        """The lanes of roads that head so."""
+        return self.side_lanes if self.side_lanes and heading % 2 else self.lanes
+
+    def speed_along(self, heading: int) -> float:
+        """The speed limit of roads that head so [m/s]."""
+        return self.side_speed if self.side_speed and heading % 2 else self.speed
 
 
 _ADAPTER = TypeAdapter(GridSpec)
@@ -67,13 +80,13 @@ def read_grid(path: Path) -> GridSpec:
 def build_grid(spec: GridSpec) -> PlainNetwork:
     """The network of a specification.
 
-    Every lane leads to all lanes of the roads that its turns go to; right turns are free.
+    A turn leads to all lanes of the road that it goes to; right turns are free.
     """
     cells = [
         (column, row)
         for column in range(spec.columns + 2)
         for row in range(spec.rows + 2)
-        if _signalised(spec, (column, row)) or _on_boundary(spec, (column, row))
+        if _arms(spec, (column, row))
     ]
     roads = [
         _road(spec, cell, heading)
@@ -87,16 +100,31 @@ def build_grid(spec: GridSpec) -> PlainNetwork:
     )
 
 
-def _signalised(spec: GridSpec, cell: Cell) -> bool:
+def is_inside(spec: GridSpec, cell: Cell) -> bool:
+    """Whether a cell is one of the grid's, and not on its boundary."""
     return 1 <= cell[0] <= spec.columns and 1 <= cell[1] <= spec.rows
 
 
-def _on_boundary(spec: GridSpec, cell: Cell) -> bool:
-    return any(_signalised(spec, _beside(cell, heading)) for heading in range(4))
+def grid_roads(spec: GridSpec) -> list[tuple[Cell, Cell]]:
+    """The pairs of neighbours with a road between them, each once."""
+    cells = [(c, r) for c in range(spec.columns + 2) for r in range(spec.rows + 2)]
+    return [
+        (cell, _beside(cell, heading))
+        for cell in cells
+        for heading in (EAST, NORTH)
+        if _has_road(spec, cell, heading)
+    ]
 
 
 def _has_road(spec: GridSpec, cell: Cell, heading: int) -> bool:
-    return _signalised(spec, cell) or _signalised(spec, _beside(cell, heading))
+    other = _beside(cell, heading)
+    there = is_inside(spec, cell) or is_inside(spec, other)
+    return there and not {(cell, other), (other, cell)} & set(spec.removed)
+
+
+def _arms(spec: GridSpec, cell: Cell) -> list[int]:
+    """The headings of the roads that leave a cell."""
+    return [heading for heading in range(4) if _has_road(spec, cell, heading)]
 
 
 def _beside(cell: Cell, heading: int) -> Cell:
@@ -121,25 +149,27 @@ def _road(spec: GridSpec, cell: Cell, heading: int) -> Road:
         id=_road_name(cell, heading),
         start=_node_name(cell),
         end=_node_name(end),
-        lanes=(Lane(width=spec.lane_width, speed=spec.speed),) * len(spec.lanes),
+        lanes=(Lane(width=spec.lane_width, speed=spec.speed_along(heading)),)
+        * len(spec.lanes_along(heading)),
         shape=(_point(spec, cell), _point(spec, end)),
     )
 
 
 def _node(spec: GridSpec, cell: Cell) -> Node:
     x, y = _point(spec, cell)
-    if not _signalised(spec, cell):
+    arms = _arms(spec, cell)
+    if not is_inside(spec, cell) or len(arms) < 2:
         return Node(id=_node_name(cell), x=x, y=y)
     made = [
         (heading, turn)
         for heading in range(4)
         for turn in (LEFT, STRAIGHT, RIGHT)
-        if _lanes_of(spec, turn)
+        if _lanes_of(spec, cell, heading, turn)
     ]
     phases = [
-        Phase(name, tuple(made.index((heading, turn)) for heading in headings))
+        Phase(name, tuple(made.index((h, turn)) for h in headings if (h, turn) in made))
         for name, headings, turn in PHASES
-        if _lanes_of(spec, turn)
+        if len(arms) > 2 and any((h, turn) in made for h in headings)
     ]
     return Node(
         id=_node_name(cell),
@@ -147,24 +177,48 @@ def _node(spec: GridSpec, cell: Cell) -> Node:
         y=y,
         movements=tuple(_movement(spec, cell, heading, turn) for heading, turn in made),
         phases=tuple(phases),
-        free=tuple(number for number, (_, turn) in enumerate(made) if turn == RIGHT),
+        free=tuple(n for n, (_, turn) in enumerate(made) if turn == RIGHT and len(arms) > 2),
         stop_distance=spec.stop_distance,
     )
 
 
 def _movement(spec: GridSpec, cell: Cell, heading: int, turn: int) -> Movement:
-    before = _beside(cell, (heading + 2) % 4)
+    before, after = _beside(cell, (heading + 2) % 4), (heading + HEADING_AFTER[turn]) % 4
     return Movement(
         from_road=_road_name(before, heading),
-        to_road=_road_name(cell, (heading + HEADING_AFTER[turn]) % 4),
+        to_road=_road_name(cell, after),
         turn=turn,
-        lane_pairs=tuple(
-            (start, end) for start in _lanes_of(spec, turn) for end in range(len(spec.lanes))
+        lane_pairs=_side_by_side(
+            _lanes_of(spec, cell, heading, turn), len(spec.lanes_along(after))
         ),
     )
 
 
-def _lanes_of(spec: GridSpec, turn: int) -> list[int]:
-    """The lanes that a turn is made from, counted from the right."""
-    outward = [TURNS[turn] in turns for turns in reversed(spec.lanes)]
-    return [lane for lane, made in enumerate(outward) if made]
+def _side_by_side(starts: Sequence[int], exits: int) -> tuple[tuple[int, int], ...]:
+    """Every lane of a turn to its part of the exit road's lanes; a single lane to all of them."""
+    count = len(starts)
+    return tuple(
+        (start, end)
+        for k, start in enumerate(starts)
+        for end in range(exits)
+        if end == k * exits // count or k * exits // count <= end < (k + 1) * exits // count
+    )
+
+
+def _lanes_of(spec: GridSpec, cell: Cell, heading: int, turn: int) -> list[int]:
+    """The lanes of the road to a cell that a turn is made from, counted from the right.
+
+    A lane none of whose turns is there, because roads are missing, makes the nearest that is.
+    """
+    arms = _arms(spec, cell)
+    if (heading + 2) % 4 not in arms:
+        return []
+    open_ = [t for t in (LEFT, STRAIGHT, RIGHT) if (heading + HEADING_AFTER[t]) % 4 in arms]
+    found = []
+    for lane, turns in enumerate(reversed(spec.lanes_along(heading))):
+        wanted = [TURNS.index(name) for name in turns]
+        possible = [t for t in wanted if t in open_]
+        made = possible or sorted(open_, key=lambda t: min(abs(t - w) for w in wanted))[:1]
+        if turn in made:
+            found.append(lane)
+    return found

@@ -18,14 +18,14 @@ from tsc_missing.network.folder import (
 )
 from tsc_missing.network.netconvert import write_net
 from tsc_missing.network.plain import PlainNetwork
-from tsc_missing.network.records import NetworkRecord
+from tsc_missing.network.records import NetworkRecord, write_record
 
 
 def build_network(plain: PlainNetwork, folder: Path) -> NetworkRecord:
     """Write the SUMO net of a plain network and its record into a folder."""
     write_net(plain, folder / NET)
     record = compile_network(read_net(folder / NET), plain)
-    (folder / RECORD).write_text(record.model_dump_json() + "\n", encoding="utf-8")
+    write_record(record, folder / RECORD)
     return record
 
 

@@ -90,6 +90,29 @@ class Network:
         return lanes, flat, 1.0 / np.bincount(lanes)[lanes]
 
     @cached_property
+    def sensor_lanes(self) -> tuple[str, ...]:
+        """The lanes that sensors cover: the entrance lanes, then those upstream of short ones."""
+        reach = self.record.reach or {}
+        upstream = (part.lane for lane in self.entrance_lanes for part in reach.get(lane, ()))
+        return tuple(dict.fromkeys((*self.entrance_lanes, *upstream)))
+
+    @cached_property
+    def sensor_slots(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """As ``lane_slots``, with positions in ``sensor_lanes``."""
+        lanes, flat, weight = self.lane_slots
+        reach = self.record.reach or {}
+        position = {lane: k for k, lane in enumerate(self.sensor_lanes)}
+        more = [
+            (position[part.lane], slot, part.share * part_of)
+            for lane, slot, part_of in zip(lanes, flat, weight, strict=True)
+            for part in reach.get(self.entrance_lanes[lane], ())
+        ]
+        if not more:
+            return lanes, flat, weight
+        places, slots, weights = (np.array(column) for column in zip(*more, strict=True))
+        return np.r_[lanes, places], np.r_[flat, slots], np.r_[weight, weights]
+
+    @cached_property
     def phase_mask(self) -> BoolArray:
         """(N, P): whether the intersection has the phase."""
         most = max(len(node.phases) for node in self.intersections)
@@ -131,14 +154,15 @@ class Network:
             road: [index[name] * N_SLOTS + slot for name, slot in feeders]
             for road, feeders in self.record.upstream.items()
         }
-        return _table(
-            [
-                upstream.get(road, []) if road is not None else []
-                for roads in self.slot_road
-                for road in roads
-            ],
-            MAX_NEIGHBOURS,
-        ).reshape(self.n, N_SLOTS, MAX_NEIGHBOURS)
+        lanes = self.record.lanes
+        rows = [
+            dict.fromkeys(k for road in roads for k in upstream.get(road, []))
+            for slots in self.slot_lanes
+            for roads in (sorted({lanes[lane].road for lane in slot}) for slot in slots)
+        ]
+        return _table([[*row] for row in rows], MAX_NEIGHBOURS).reshape(
+            self.n, N_SLOTS, MAX_NEIGHBOURS
+        )
 
     @cached_property
     def exit_lanes(self) -> tuple[tuple[tuple[str, ...], ...], ...]:

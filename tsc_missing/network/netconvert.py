@@ -51,7 +51,7 @@ def write_net(plain: PlainNetwork, target: Path) -> None:
         first = Path(folder, "first.net.xml")
         _run_netconvert(plain, (), first)
         _run_netconvert(plain, _right_of_way(plain, road_conflicts(read_net(first))), target)
-    _strip_header(target)
+    strip_header(target)
 
 
 def _run_netconvert(plain: PlainNetwork, right_of_way: Iterable[str], target: Path) -> None:
@@ -72,7 +72,7 @@ def _run_netconvert(plain: PlainNetwork, right_of_way: Iterable[str], target: Pa
             raise UserError("network", target.name, f"netconvert: {'; '.join(lines) or 'failed'}")
 
 
-def _strip_header(target: Path) -> None:
+def strip_header(target: Path) -> None:
     """Drop netconvert's opening comment, which holds the time and the paths of the call."""
     text = target.read_text(encoding="utf-8")
     start, end = text.find("<!--"), text.find("-->")

@@ -18,8 +18,14 @@ LANE_END = 0.26  # blocks, the length of a lane's end that shows its share
 
 
 def draw_roads(axes: Axes, roads: Sequence[Road], sizes: Sizes) -> None:
-    """Each direction as a band on its own side, as wide as its lanes."""
+    """Each direction as a band on its own side, as wide as its lanes.
+
+    Junctions that roads stop short of are filled, so that the roads meet.
+    """
     style = {"facecolor": ROAD, "edgecolor": ROAD, "linewidth": 0.4}
+    gaps = {area.tobytes(): area for road in roads for area in road.gaps}
+    if gaps:
+        _polygons(axes, list(gaps.values()), 0.9, "junctions", style)
     _polygons(axes, [road_band(road, sizes) for road in roads], 1, "roads", style)
 
 

@@ -168,5 +168,5 @@ def _write(
 def _note(prefix: str, left_out: int) -> str:
     notes = [f"names without “{prefix}”"] if prefix else []
     if left_out:
-        notes.append(f"{left_out} names left out, no room")
+        notes.append(f"{left_out} {'names' if left_out > 1 else 'name'} left out, no room")
     return "; ".join(notes)

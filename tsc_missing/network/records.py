@@ -4,6 +4,8 @@ It is compiled once from the net (``network.compile``) so that a run reads no XM
 against the net.
 """
 
+from pathlib import Path
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from tsc_missing.network.slots import N_SLOTS
@@ -39,6 +41,11 @@ class IntersectionRecord(Record):
     list the links that link i conflicts with, and those of them it must give way to when both
     are green. ``free`` are the links that are green in every phase (right turns on the grids).
     ``roads`` maps each incoming road to its approach.
+
+    ``positions[i]`` is link i's place in SUMO's state string of ``state_length`` letters, where
+    they are not the links' own order: several links may share a place (a signal group), and
+    places without a link (pedestrian crossings) stay red. ``yellow`` and ``min_green`` [s] are the
+    intersection's own, where it has them.
     """
 
     id: str
@@ -50,6 +57,22 @@ class IntersectionRecord(Record):
     yields: tuple[tuple[int, ...], ...]
     phases: tuple[PhaseRecord, ...]
     free: tuple[int, ...]
+    positions: tuple[int, ...] | None = None
+    state_length: int | None = None
+    yellow: int | None = None
+    min_green: int | None = None
+
+
+class ReachRecord(Record):
+    """A lane upstream of a short entrance lane, which the entrance lane's sensor covers too.
+
+    ``distance`` [m] is from its end to the stop line; ``share`` is the part of its vehicles that
+    count for the entrance lane.
+    """
+
+    lane: str
+    distance: float
+    share: float
 
 
 class LaneRecord(Record):
@@ -64,10 +87,18 @@ class NetworkRecord(Record):
     """The whole of ``network.json``.
 
     ``upstream[road]`` are the signalised (intersection id, slot) pairs whose movements feed the
-    road, found by following connections back through junctions without signals.
+    road, found by following connections back through junctions without signals. ``reach`` lists
+    for entrance lanes that are short the lanes upstream that their sensors cover too.
     """
 
     format: int = FORMAT
     intersections: tuple[IntersectionRecord, ...]
     lanes: dict[str, LaneRecord]
     upstream: dict[str, tuple[tuple[str, int], ...]]
+    reach: dict[str, tuple[ReachRecord, ...]] | None = None
+    left_hand: bool | None = None
+
+
+def write_record(record: NetworkRecord, target: Path) -> None:
+    """Write ``network.json``; what a network does not need is left out of it."""
+    target.write_text(record.model_dump_json(exclude_none=True) + "\n", encoding="utf-8")

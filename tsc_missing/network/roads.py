@@ -3,6 +3,7 @@
 A polyline is (K, 2): x and y of K points [m], in the direction of travel.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.records import NetworkRecord
+
+REACHED = 1.0  # [m] from a junction's middle, within which a road's line reaches it
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Road:
     two_way: bool  # there is a road in the other direction between the same junctions
     out: int  # the side of ``line`` that the outermost lane is on: 1 = right, -1 = left
     entry: bool  # vehicles come to it from nowhere in the network
+    gaps: tuple[FloatArray, ...] = ()  # (K, 2) each [m], areas of junctions that it stops short of
 
 
 def read_roads(net_file: Path, record: NetworkRecord) -> tuple[Road, ...]:
@@ -49,6 +53,17 @@ def _road(edge: Any, record: NetworkRecord, pairs: set[tuple[str, str]], out: in
         two_way=start != end and (end, start) in pairs,
         out=out,
         entry=edge.is_fringe(edge.getIncoming()),
+        gaps=_gaps(edge),
+    )
+
+
+def _gaps(edge: Any) -> tuple[FloatArray, ...]:
+    """The areas of the junctions at the road's ends whose middles its line does not reach."""
+    line = edge.getRawShape()
+    return tuple(
+        np.array(node.getShape(), dtype=np.float64)[:, :2]
+        for node, end in ((edge.getFromNode(), line[0]), (edge.getToNode(), line[-1]))
+        if len(node.getShape()) > 2 and math.dist(node.getCoord()[:2], end[:2]) > REACHED
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Scene, run_closed_loop
+from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256
 from tsc_missing.network.folder import RECORD
@@ -70,11 +70,11 @@ def collect(
 def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) -> None:
     """What the first episode of each network would stop at, before anything starts."""
     for number, (net, scenario) in enumerate(scenarios.items()):
-        if scenario.demand_kind == "recorded" and (settings.volume_min, settings.volume_max) != (
+        if scenario.demand_kind != "profile" and (settings.volume_min, settings.volume_max) != (
             1.0,
             1.0,
         ):
-            raise UserError("volume", net, "recorded demand has only volume 1: min and max must be")
+            raise UserError("volume", net, "its demand has only volume 1: min and max must be")
         spec = draw_spec(settings, number)
         draw_mask(settings.missing, scenario.folder.network, 1, spec.mask_seed)
 
@@ -84,7 +84,7 @@ def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
     scenario = find_scenario(spec.net, spec.demand)
     network, settings = scenario.folder.network, spec.run_settings()
     everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
-    scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), everything)
+    scene = scenario.scene(settings, everything)
     policy = make_policy(spec.policies, spec.switch_at, spec.epsilon)
     policy = Unaware(policy, unaware_set(spec.unaware, spec.seed, network.n), spec.seed)
     with tempfile.TemporaryDirectory(dir=scratch) as folder:

@@ -54,7 +54,7 @@ class Source(_Part):
     """The network and the demand behind a name in ``nets``."""
 
     scenario: str
-    demand: Literal["profile", "recorded"]
+    demand: Literal["profile", "recorded", "generated"]
     network: str  # the file in ``networks``
     checksums: dict[str, str]  # SHA-256 of the net, its record and the demand file
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Scene, run_closed_loop
+from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import read_dataset
@@ -71,7 +71,7 @@ def play(episode: Episode) -> None:
     q = ALGORITHMS[episode.algorithm](episode.width)
     q.load_state_dict(dict(episode.weights))
     everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
-    scene = Scene(network, scenario.folder.net_file, scenario.demand(settings), everything)
+    scene = scenario.scene(settings, everything)
     policy = Exploring(QPolicy(q.eval(), episode.algorithm), episode.epsilon)
     with tempfile.TemporaryDirectory(prefix="tsc-") as folder:
         trace = run_closed_loop(scene, settings, policy, Path(folder))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -16,20 +17,48 @@ HALTING_NUMBER = 0x14  # TraCI's variable: those of them slower than 0.1 m/s
 
 
 def write_area_detectors(network: Network, length: float, target: Path) -> None:
-    """Write lane-area detectors: the last ``length`` m of entrance lanes, the first of exits."""
+    """Write lane-area detectors: the last ``length`` m before stop lines, the first of exits.
+
+    Where an entrance lane is shorter than ``length`` its detector goes on in the lanes upstream
+    that its sensor reaches to.
+    """
     lines = []
-    for lane in network.entrance_lanes:
-        whole = network.record.lanes[lane].length
-        lines.append(_area(lane, max(whole - length, 0.0), whole))
+    for lane in covered_lanes(network, length):
+        whole, distance = network.record.lanes[lane].length, _distance(network, lane)
+        lines.append(_area(lane, lane, max(whole - (length - distance), 0.0), whole))
     for lane in _boundary(network):
-        lines.append(_area(lane, 0.0, min(length, network.record.lanes[lane].length)))
+        lines.append(
+            _area(_exit_name(lane), lane, 0.0, min(length, network.record.lanes[lane].length))
+        )
     target.write_text("\n".join(["<additional>", *lines, "</additional>", ""]), encoding="utf-8")
 
 
-def _area(lane: str, start: float, end: float) -> str:
+def covered_lanes(network: Network, length: float) -> tuple[str, ...]:
+    """The lanes that sensors of ``length`` [m] before the stop lines see something of.
+
+    The entrance lanes come first, in the network's order.
+    """
+    return tuple(lane for lane in network.sensor_lanes if _distance(network, lane) < length)
+
+
+def _distance(network: Network, lane: str) -> float:
+    """From the lane's end to the nearest stop line that it has a sensor for [m]."""
+    if lane in network.entrance_lanes:
+        return 0.0
+    reach = (network.record.reach or {}).values()
+    return min(part.distance for parts in reach for part in parts if part.lane == lane)
+
+
+def _exit_name(lane: str) -> str:
+    """The name of an exit's detector: the lane may have one at its other end too."""
+    return f"exit:{lane}"
+
+
+def _area(name: str, lane: str, start: float, end: float) -> str:
     return (
-        f'<laneAreaDetector id="{lane}" lane="{lane}" pos="{start:.2f}" endPos="{end:.2f}" '
-        f'file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" timeThreshold="0"/>'
+        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{start:.2f}" '
+        f'endPos="{end:.2f}" file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" '
+        'timeThreshold="0"/>'
     )
 
 
@@ -44,18 +73,32 @@ class Detectors:
         """``api`` is a running simulation's; for ``area`` it must have loaded the detectors."""
         self._network = network
         self._domain = api.lane if sensor.kind == "lane" else api.lanearea
-        self._lanes = (*network.entrance_lanes, *_boundary(network))
+        exits = _boundary(network)
+        if sensor.kind == "lane":
+            self._sensors, names = network.sensor_lanes, exits
+        else:
+            self._sensors = covered_lanes(network, sensor.length)
+            names = tuple(map(_exit_name, exits))
+        self._lanes = (*self._sensors, *names)
+        self._exits = {lane: len(self._sensors) + k for k, lane in enumerate(exits)}
         self._subscribed = not hasattr(api, "isLibsumo")  # a connection of TraCI
         if self._subscribed:
             for lane in self._lanes:
                 self._domain.subscribe(lane, [VEHICLE_NUMBER, HALTING_NUMBER])
-        self._lane, self._slot, self._weight = network.lane_slots
+        self._lane, self._slot, self._weight = self._sensor_table()
         self._exit_lane, self._exit_slot = self._exit_table()
 
+    def _sensor_table(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """The network's table of sensors, of the lanes that are covered, by their position here."""
+        position = {lane: k for k, lane in enumerate(self._sensors)}
+        places = [position.get(lane, -1) for lane in self._network.sensor_lanes]
+        lanes, slots, weights = self._network.sensor_slots
+        here = np.array(places, dtype=np.int64)[lanes]
+        return here[here >= 0], slots[here >= 0], weights[here >= 0]
+
     def _exit_table(self) -> tuple[IntArray, IntArray]:
-        position = {lane: k for k, lane in enumerate(self._lanes)}
         pairs = [
-            (position[lane], n * N_SLOTS + slot)
+            (self._exits[lane], n * N_SLOTS + slot)
             for n, slots in enumerate(self._network.exit_lanes)
             for slot, lanes in enumerate(slots)
             for lane in lanes
@@ -65,19 +108,18 @@ class Detectors:
         return table[:, 0], table[:, 1]
 
     def _counts(self) -> tuple[FloatArray, FloatArray]:
-        """Vehicles on each lane, and the queue on each entrance lane, which are the first of them.
+        """Vehicles on each lane, and the queue on each lane of a sensor, which come first.
 
         By calls in process, in one answer over TraCI: libsumo gathers what is subscribed to at
         every advance, which costs more than the calls.
         """
-        entrances = self._network.entrance_lanes
         if self._subscribed:
             found = self._domain.getAllSubscriptionResults()
             vehicles = [found[lane][VEHICLE_NUMBER] for lane in self._lanes]
-            queue = [found[lane][HALTING_NUMBER] for lane in entrances]
+            queue = [found[lane][HALTING_NUMBER] for lane in self._sensors]
         else:
             vehicles = list(map(self._domain.getLastStepVehicleNumber, self._lanes))
-            queue = list(map(self._domain.getLastStepHaltingNumber, entrances))
+            queue = list(map(self._domain.getLastStepHaltingNumber, self._sensors))
         return np.array(vehicles, dtype=float), np.array(queue, dtype=float)
 
     def read(self) -> Measurement:

@@ -28,11 +28,12 @@ OPTIONS = (
 
 @dataclass(frozen=True)
 class Inputs:
-    """The files of a simulation."""
+    """The files of a simulation, and the time [s] of SUMO's clock that it begins at."""
 
     net: Path
     routes: Path
     additional: tuple[Path, ...] = ()
+    begin: float = 0.0
 
 
 class SimulationError(RuntimeError):
@@ -40,7 +41,7 @@ class SimulationError(RuntimeError):
 
 
 class Simulation:
-    """One SUMO simulation, from time 0, as a context manager.
+    """One SUMO simulation as a context manager.
 
     libsumo holds one simulation a process; a second one raises instead of silently replacing the
     first. ``api`` is libsumo's or TraCI's module-like interface.
@@ -66,6 +67,8 @@ class Simulation:
             *OPTIONS,
             *outputs,
         ]
+        if inputs.begin:
+            self._options.append(f"--begin={inputs.begin:.2f}")
         if inputs.additional:
             self._options.append(f"--additional-files={','.join(map(str, inputs.additional))}")
         self.api: Any = None
@@ -109,10 +112,10 @@ class Simulation:
         return _start_traci(self._engine, self._options)
 
     def advance(self, until: float) -> None:
-        """Simulate up to time ``until`` [s]."""
+        """Simulate up to ``until`` [s] after the begin."""
         try:
             with _stderr_to(self._log):
-                self.api.simulationStep(float(until))
+                self.api.simulationStep(float(self._inputs.begin + until))
         except Exception as error:
             raise SimulationError(self._reason(error)) from error
 

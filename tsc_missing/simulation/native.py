@@ -5,9 +5,10 @@ from xml.sax.saxutils import quoteattr
 from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import Network
 from tsc_missing.network.records import IntersectionRecord
-from tsc_missing.simulation.states import green_state, red_state, yellow_state
+from tsc_missing.simulation.states import green_state, red_state, sumo_state, yellow_state
 
 KINDS = ("actuated", "delay_based")
+AS_BUILT = "as-built"  # the programs that came with the network
 PROGRAM_ID = "tsc-native"
 MAX_GREEN = 50  # [s], netconvert's default for programs that respond to traffic
 
@@ -25,22 +26,28 @@ def native_program_xml(network: Network, kind: str, signals: SignalSettings) -> 
 def _logic(node: IntersectionRecord, kind: str, signals: SignalSettings) -> str:
     lines = [f'<tlLogic id={quoteattr(node.id)} type="{kind}" programID="{PROGRAM_ID}" offset="0">']
     greens = [green_state(node, phase) for phase in range(len(node.phases))]
-    longest = max(MAX_GREEN, signals.min_green)
+    least = signals.min_green_at(node)
+    longest = max(MAX_GREEN, least)
     for before, after in zip(greens, [*greens[1:], greens[0]], strict=True):
         lines.append(
-            f'  <phase duration="{signals.min_green}" minDur="{signals.min_green}" '
-            f'maxDur="{longest}" state="{before}"/>'
+            f'  <phase duration="{least}" minDur="{least}" '
+            f'maxDur="{longest}" state="{sumo_state(node, before)}"/>'
         )
-        lines += _change(before, after, signals)
+        lines += _change(node, before, after, signals)
     return "\n".join([*lines, "</tlLogic>"])
 
 
-def _change(before: str, after: str, signals: SignalSettings) -> list[str]:
+def _change(
+    node: IntersectionRecord, before: str, after: str, signals: SignalSettings
+) -> list[str]:
     """The yellow and all-red between two greens; nothing if no link turns red."""
     yellow = yellow_state(before, after)
     if "y" not in yellow:
         return []
-    states = [(signals.yellow, yellow)]
+    states = [(signals.yellow_at(node), yellow)]
     if signals.all_red:
         states.append((signals.all_red, red_state(before, after)))
-    return [f'  <phase duration="{seconds}" state="{state}"/>' for seconds, state in states]
+    return [
+        f'  <phase duration="{seconds}" state="{sumo_state(node, state)}"/>'
+        for seconds, state in states
+    ]

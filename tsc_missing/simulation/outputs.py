@@ -83,8 +83,11 @@ class TripTimes:
 COLUMNS = ("depart", "arrival", "timeLoss", "waitingTime", "routeLength")
 
 
-def read_trips(path: Path, scheduled: FloatArray) -> TripTimes:
-    """The trips of a tripinfo file whose vehicles are named by their position in the demand."""
+def read_trips(path: Path, scheduled: FloatArray, begin: float = 0.0) -> TripTimes:
+    """The trips of a tripinfo file whose vehicles are named by their position in the demand.
+
+    ``scheduled`` and what is returned count from ``begin`` [s] on SUMO's clock.
+    """
     table = np.full((len(scheduled), len(COLUMNS)), np.nan)
 
     def element(tag: str, values: dict[str, str]) -> None:
@@ -96,8 +99,8 @@ def read_trips(path: Path, scheduled: FloatArray) -> TripTimes:
     with path.open("rb") as stream:
         parser.ParseFile(stream)
     depart, arrival, time_loss, waiting_time, route_length = table.T
-    arrival = np.where(arrival >= 0, arrival, np.nan)
-    return TripTimes(scheduled, depart, arrival, time_loss, waiting_time, route_length)
+    arrival = np.where(arrival >= 0, arrival, np.nan) - begin
+    return TripTimes(scheduled, depart - begin, arrival, time_loss, waiting_time, route_length)
 
 
 def lane_seconds(path: Path, lanes: Iterable[str]) -> float:

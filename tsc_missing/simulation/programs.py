@@ -8,24 +8,29 @@ import numpy as np
 
 from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import IntArray, Network
-from tsc_missing.simulation.native import PROGRAM_ID, native_program_xml
-from tsc_missing.simulation.states import green_state
+from tsc_missing.simulation.native import AS_BUILT, PROGRAM_ID, native_program_xml
+from tsc_missing.simulation.states import green_state, sumo_state
 
 
 @dataclass(frozen=True)
 class NativeProgram:
-    """One of SUMO's own signal programs (``native.KINDS``) at every intersection."""
+    """Programs that SUMO runs at every intersection: ``native.KINDS``, or those of the network."""
 
     kind: str
     network: Network
 
-    def write(self, signals: SignalSettings, target: Path) -> None:
-        """Write the additional file that defines the programs."""
+    def write(self, signals: SignalSettings, target: Path) -> bool:
+        """Write the additional file that defines the programs; false if none is needed."""
+        if self.kind == AS_BUILT:
+            return False
         body = native_program_xml(self.network, self.kind, signals)
         target.write_text(f"<additional>\n{body}\n</additional>\n", encoding="utf-8")
+        return True
 
     def start(self, api: Any) -> None:
-        """Switch every signal to its program."""
+        """Switch every signal to its program; those of the network run from the start."""
+        if self.kind == AS_BUILT:
+            return
         for name in self.network.ids:
             api.trafficlight.setProgram(name, PROGRAM_ID)
 
@@ -36,5 +41,5 @@ class NativeProgram:
     def _phase(self, n: int, api: Any) -> int:
         node = self.network.intersections[n]
         shown = api.trafficlight.getRedYellowGreenState(node.id)
-        states = [green_state(node, phase) for phase in range(len(node.phases))]
+        states = [sumo_state(node, green_state(node, phase)) for phase in range(len(node.phases))]
         return states.index(shown) if shown in states else -1

@@ -10,12 +10,14 @@ import numpy as np
 
 from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import IntArray, Network
+from tsc_missing.network.records import IntersectionRecord
 from tsc_missing.simulation.states import (
     GREEN,
     SignalSafetyError,
     check_state,
     green_state,
     red_state,
+    sumo_state,
     yellow_state,
 )
 
@@ -40,34 +42,34 @@ class SignalGuard:
         node, since = self._network.intersections[n], self._since[n]
         changes = self._changes(n, state)
         for link, change in changes:
-            self._check_change(f"{node.id} link {link}", change, time - since[link])
+            self._check_change(node, link, change, time - since[link])
         for link, _ in changes:
             since[link] = time
         self._states[n] = state
-        self._send(node.id, state)
+        self._send(node.id, sumo_state(node, state))
 
     def _changes(self, n: int, state: str) -> Changes:
         """The links whose colour changes, as "gy" for green to yellow; the state is legal."""
         before = self._states[n]
         known = self._known[n].get((before, state))
         if known is None:
-            check_state(self._network.intersections[n], state)
+            check_state(self._network.intersections[n], state, before)
             pairs = ((_colour(old), _colour(new)) for old, new in zip(before, state, strict=True))
             known = tuple((link, a + b) for link, (a, b) in enumerate(pairs) if a != b)
             self._known[n][before, state] = known
         return known
 
-    def _check_change(self, link: str, change: str, lasted: float) -> None:
+    def _check_change(
+        self, node: IntersectionRecord, number: int, change: str, lasted: float
+    ) -> None:
+        link = f"{node.id} link {number}"
+        yellow, min_green = self._settings.yellow_at(node), self._settings.min_green_at(node)
         if change == "gr":
             raise SignalSafetyError(f"{link}: from green to red without yellow")
-        if change == "gy" and lasted < self._settings.min_green:
-            raise SignalSafetyError(
-                f"{link}: green ends after {lasted:g} s, before {self._settings.min_green} s"
-            )
-        if change == "yr" and lasted < self._settings.yellow:
-            raise SignalSafetyError(
-                f"{link}: yellow ends after {lasted:g} s, before {self._settings.yellow} s"
-            )
+        if change == "gy" and lasted < min_green:
+            raise SignalSafetyError(f"{link}: green ends after {lasted:g} s, before {min_green} s")
+        if change == "yr" and lasted < yellow:
+            raise SignalSafetyError(f"{link}: yellow ends after {lasted:g} s, before {yellow} s")
         if change == "ry":
             raise SignalSafetyError(f"{link}: from red to yellow")
         if change == "yg":
@@ -81,8 +83,9 @@ def _colour(letter: str) -> str:
 class Signals:
     """The signals of a network: what they show, and how they get from phase to phase.
 
-    In a decision step ``command`` is called at its start, ``clear`` after the yellow and
-    ``release`` after the all-red time; a phase that does not change stays green throughout.
+    In a decision step ``command`` is called at its start, and at each of the ``moments`` that
+    follow ``clear`` (after the yellow) and ``release`` (after the all-red time); they act on the
+    intersections that have come so far. A phase that does not change stays green throughout.
     """
 
     def __init__(self, network: Network, settings: SignalSettings, send: Send) -> None:
@@ -92,7 +95,10 @@ class Signals:
         self._guard = SignalGuard(network, settings, send)
         self.phase: IntArray = np.full(network.n, -1, dtype=np.int64)
         self._shown = [green_state(node, None) for node in network.intersections]
-        self._changing: list[int] = []
+        nodes = network.intersections
+        self._yellow = [settings.yellow_at(node) for node in nodes]
+        self._min_green = np.array([settings.min_green_at(node) for node in nodes])
+        self._changing: dict[int, float] = {}  # when the yellow is over
         self._targets = list(self._shown)
         self._greens = [
             [green_state(node, phase) for phase in range(len(node.phases))]
@@ -109,20 +115,19 @@ class Signals:
 
         A phase whose minimum green is not over stays, whatever was asked (counted in ``held``).
         """
-        held = (phases != self.phase) & (now - self._green_since < self._settings.min_green)
+        held = (phases != self.phase) & (now - self._green_since < self._min_green)
         self.held += int(held.sum())
         phases = np.where(held, self.phase, phases)
         changed = [int(n) for n in np.flatnonzero(phases != self.phase)]
-        self._changing = []
+        self._changing = {}
         for n in changed:
             target = self._greens[n][phases[n]]
             between = yellow_state(self._shown[n], target)
             self._targets[n] = target
             if "y" in between:
-                self._changing.append(n)
+                self._changing[n] = now + self._yellow[n]
                 self._guard.send(n, between, now)
-                clearing = self._settings.yellow + self._settings.all_red
-                self._green_since[n] = now + clearing
+                self._green_since[n] = self._changing[n] + self._settings.all_red
             else:
                 self._show(n, now)
                 self._green_since[n] = now
@@ -130,16 +135,24 @@ class Signals:
         self._count_red()
         return bool(self._changing)
 
+    @property
+    def moments(self) -> list[float]:
+        """The times [s] at which a yellow or an all-red that runs will be over."""
+        yellows = set(self._changing.values())
+        return sorted(yellows | {over + self._settings.all_red for over in yellows})
+
     def clear(self, now: float) -> None:
-        """The yellow is over: all-red at the intersections that change."""
-        for n in self._changing:
-            self._guard.send(n, red_state(self._shown[n], self._targets[n]), now)
+        """All-red at the intersections whose yellow is over now."""
+        for n, over in self._changing.items():
+            if over == now and self._settings.all_red:
+                self._guard.send(n, red_state(self._shown[n], self._targets[n]), now)
 
     def release(self, now: float) -> None:
-        """The clearing is over: green for the new phases."""
-        for n in self._changing:
+        """Green for the new phases where the clearing is over."""
+        ready = [n for n, over in self._changing.items() if over + self._settings.all_red <= now]
+        for n in ready:
             self._show(n, now)
-        self._changing = []
+            del self._changing[n]
 
     def _show(self, n: int, now: float) -> None:
         self._shown[n] = self._targets[n]

@@ -26,6 +26,26 @@ def green_state(node: IntersectionRecord, phase: int | None) -> str:
     )
 
 
+def sumo_state(node: IntersectionRecord, state: str) -> str:
+    """A state of the links as SUMO wants it: by places of its state string.
+
+    Where links share a place they must be of one colour, and give way if one of them does; places
+    without a link are red.
+    """
+    if node.positions is None:
+        return state
+    letters = ["r"] * (node.state_length or 0)
+    taken: dict[int, str] = {}
+    for link, place in enumerate(node.positions):
+        letter, before = state[link], taken.get(place, state[link])
+        if letter.lower() != before.lower():
+            raise SignalSafetyError(
+                f"{node.id}: links that share place {place} would be {before} and {letter}"
+            )
+        letters[place] = taken[place] = max(letter, before)  # "g" comes after "G"
+    return "".join(letters)
+
+
 @lru_cache(maxsize=4096)
 def yellow_state(before: str, after: str) -> str:
     """The state between two: yellow for links that turn red; links that stay green go on.
@@ -48,11 +68,12 @@ def red_state(before: str, after: str) -> str:
     return yellow_state(before, after).replace("y", "r")
 
 
-def check_state(node: IntersectionRecord, state: str) -> None:
+def check_state(node: IntersectionRecord, state: str, before: str = "") -> None:
     """Raise ``SignalSafetyError`` unless the state is legal at this intersection.
 
     Of two conflicting links that may both move (green or yellow), one must be green that gives
-    way (``g``) to the other.
+    way (``g``) to the other, or one that gives way must have turned yellow while the other stays
+    green: both were green in the legal state ``before``, and SUMO's ``y`` gives way too.
     """
     if len(state) != len(node.links) or set(state) - set("Ggyr"):
         raise SignalSafetyError(
@@ -62,8 +83,10 @@ def check_state(node: IntersectionRecord, state: str) -> None:
         for foe in node.foes[link]:
             if letter == "r" or state[foe] == "r" or foe < link:
                 continue
-            gives_way = (letter == "g" and foe in node.yields[link]) or (
-                state[foe] == "g" and link in node.yields[foe]
+            going_on = bool(before) and before[link] in GREEN and before[foe] in GREEN
+            giving = "gy" if going_on else "g"
+            gives_way = (letter in giving and foe in node.yields[link]) or (
+                state[foe] in giving and link in node.yields[foe]
             )
             if not gives_way:
                 raise SignalSafetyError(

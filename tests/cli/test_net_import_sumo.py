@@ -1,0 +1,225 @@
+"""``tsc-net import`` of SUMO nets and OSM extracts, and runs on them, as a user does it."""
+
+import importlib.util
+import json
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.cli.test_bad_input import refused
+from tests.sumo_files import star, town, write_routes
+from tsc_missing.network.netconvert import sumo_tool
+
+BEGIN = 25200
+SHORT = ("--horizon", 150, "--json", "--no-decisions")
+TRUCK = '<vType id="truck" vClass="truck" length="12" speedDev="0"/>'
+CAR = '<vType id="car" length="4" speedDev="0" sigma="0"/>'
+VEHICLES = (
+    TRUCK,
+    CAR,
+    f'<vehicle id="v" type="truck" depart="{BEGIN + 1}"><route edges="in_0 out_2"/></vehicle>',
+    f'<vehicle id="early" type="car" depart="{BEGIN - 60}"><route edges="in_0 out_2"/></vehicle>',
+    *(
+        f'<trip id="t{k}" type="car" depart="{BEGIN + 2 * k}" from="in_{k % 4}" '
+        f'to="out_{(k + 2) % 4}"/>'
+        for k in range(20)
+    ),
+    f'<flow id="f" type="car" begin="{BEGIN}" end="{BEGIN + 100}" period="10" from="in_1" '
+    'to="out_2"/>',
+)
+
+
+@pytest.fixture(scope="module")
+def crossing(tmp_path_factory) -> Path:
+    """A folder with a net, routes and a configuration that begins at seven in the morning."""
+    folder = tmp_path_factory.mktemp("crossing")
+    star(folder, (0, 90, 180, 270), 2)
+    write_routes(folder / "cars.rou.xml", *VEHICLES)
+    write_routes(
+        folder / "people.rou.xml",
+        f'<person id="p" depart="{BEGIN}"><walk edges="in_0 out_1"/></person>',
+        f'<trip id="bus" depart="{BEGIN}" from="in_3" to="out_0"><stop lane="in_3_0" endPos="50" '
+        'duration="9"/></trip>',
+    )
+    (folder / "all.sumocfg").write_text(
+        '<configuration><input><net-file value="star.net.xml"/>'
+        '<route-files value="cars.rou.xml, people.rou.xml"/></input>'
+        f'<time><begin value="{BEGIN}"/><end value="7:05:00"/></time></configuration>'
+    )
+    return folder
+
+
+@pytest.fixture
+def imported(crossing, command):
+    done = command("net", "import", "--sumo-net", crossing / "all.sumocfg", "--out", "net")
+    assert done.returncode == 0, done.stderr
+    assert "net: 1 intersections, 32 vehicles" in done.stdout
+    assert "note: 1 person elements are left out" in done.stdout
+    assert "note: 1 stops" in done.stdout
+    return command.cwd / "net"
+
+
+def run(command, net, *options):
+    done = command("run", "--net", net, *SHORT, *options)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_times_types_and_routes_are_kept(imported):
+    manifest = json.loads((imported / "manifest.json").read_text())
+    assert (manifest["kind"], manifest["begin"], manifest["horizon"]) == ("sumo", BEGIN, 300)
+    assert set(manifest["sources"]) == {
+        "all.sumocfg",
+        "star.net.xml",
+        "cars.rou.xml",
+        "people.rou.xml",
+    }
+    root = ElementTree.parse(imported / "routes.rou.xml").getroot()
+    types = {kind.get("id"): kind.get("length") for kind in root.iter("vType")}
+    assert {float(types["truck"]), float(types["car.recorded"])} == {12.0, 4.0}
+    departs = [float(vehicle.get("depart")) for vehicle in root.iter("vehicle")]
+    assert departs == sorted(departs)
+    assert departs[0] == BEGIN
+    assert sum(vehicle.get("type") == "truck" for vehicle in root.iter("vehicle")) == 1
+
+
+def test_conventional_controllers_and_the_program_as_built(imported, command):
+    results = {
+        name: run(command, imported, "--controller", name)["result"]
+        for name in ("max-queue", "fixed-time", "actuated", "as-built")
+    }
+    for result in results.values():
+        assert result["inserted"] == result["demand"] == 32
+        assert result["finished"] >= 25
+        assert result["teleports"] == result["collisions"] == result["fallbacks"] == 0
+        assert result["never_inserted"] == 0
+
+
+def test_as_built_is_what_sumo_itself_does(imported, command, crossing):
+    ours = run(command, imported, "--controller", "as-built")
+    assert ours["begin"] == BEGIN
+    trips = command.cwd / "tripinfo.xml"
+    options = ["-n", crossing / "star.net.xml", "-r", imported / "routes.rou.xml"]
+    more = ["--begin", BEGIN, "--end", BEGIN + 150, "--time-to-teleport", -1, "--seed", 0]
+    outputs = ["--tripinfo-output", trips, "--tripinfo-output.write-unfinished", "--no-step-log"]
+    command_line = [sumo_tool("sumo"), *map(str, [*options, *more, *outputs])]
+    subprocess.run(command_line, check=True, capture_output=True)
+    rows = list(ElementTree.parse(trips).getroot())
+    finished = [float(row.get("duration")) for row in rows if float(row.get("arrival")) >= 0]
+    assert ours["result"]["finished"] == len(finished)
+    mean = sum(finished) / len(finished)
+    assert ours["result"]["att_finished"] == pytest.approx(mean, abs=1e-6)
+
+
+def test_missing_data_and_area_sensors(imported, command):
+    found = run(command, imported, "--missing", "random", "--rate", 0.5, "--sensor", "area")
+    assert 0 < found["result"]["missing_share"] < 1
+
+
+def test_signal_programs_of_additional_files(crossing, command):
+    tree = ElementTree.parse(crossing / "star.net.xml")
+    logic = tree.find("tlLogic")
+    logic.set("programID", "other")
+    for phase in logic:
+        phase.set("duration", "7")
+    text = ElementTree.tostring(logic, encoding="unicode")
+    (crossing / "lights.add.xml").write_text(f"<additional>{text}<poi id='x'/></additional>")
+    config = (crossing / "all.sumocfg").read_text()
+    config = config.replace(
+        "<route-files", '<additional-files value="lights.add.xml"/><route-files'
+    )
+    (crossing / "more.sumocfg").write_text(config)
+    done = command("net", "import", "--sumo-net", crossing / "more.sumocfg", "--out", "more")
+    assert done.returncode == 0, done.stderr
+    assert "left out: 1 poi" in done.stdout
+    assert 'programID="other"' in (command.cwd / "more" / "signals.add.xml").read_text()
+    assert run(command, "more", "--controller", "as-built")["result"]["inserted"] == 32
+
+
+def test_a_town_of_openstreetmap_with_generated_demand(command, tmp_path):
+    extract = town(tmp_path / "town.osm")
+    options = ("--osm", extract, "--vehicles-per-hour", 900, "--course", "peak", "--horizon", 600)
+    done = command("net", "import", *options, "--out", "town")
+    assert done.returncode == 0, done.stderr
+    assert "town: 2 intersections, " in done.stdout
+    again = command("net", "import", *options, "--out", "again")
+    assert again.returncode == 0, again.stderr
+    for name in ("net.net.xml", "network.json", "routes.rou.xml"):
+        files = (command.cwd / "town" / name, command.cwd / "again" / name)
+        assert files[0].read_bytes() == files[1].read_bytes()
+    found = run(command, "town", "--controller", "max-pressure")
+    assert found["demand"] == "generated"
+    assert found["result"]["inserted"] > 0
+    assert found["result"]["collisions"] == 0
+
+
+def test_bad_nets(crossing, command, tmp_path):
+    plain = star(tmp_path, (0, 90, 180, 270), 1, kind="priority")
+    arguments = ("net", "import", "--out", "x", "--sumo-net")
+    refused(command, *arguments, plain, words=["sumo-net", "no junction in it has traffic signals"])
+    refused(command, *arguments, "none.net.xml", words=["none.net.xml", "no such file"])
+    refused(command, *arguments, crossing / "cars.rou.xml", words=["cars.rou.xml", "SUMO net"])
+    net = crossing / "star.net.xml"
+    refused(command, *arguments, net, "--signals", "b", words=["signals", "b", "allowed: c"])
+    refused(command, *arguments, net, "--osm", net, words=["--osm", "give one of"])
+    refused(command, *arguments, net, "--flow", net, words=["--flow", "--sumo-net"])
+    refused(command, "net", "import", "--out", "x", words=["give one of", "--osm"])
+    (tmp_path / "one").mkdir()
+    single = star(tmp_path / "one", (0, 180), 1)
+    tree = ElementTree.parse(single)
+    for connection in tree.iter("connection"):
+        if connection.get("from") == "in_1":
+            connection.attrib.pop("tl", None)
+            connection.attrib.pop("linkIndex", None)
+    tree.write(single)
+    refused(command, *arguments, single, words=["c (one approach)"])
+    refused(command, *arguments, single, "--signals", "c", words=["signals", "c", "one approach"])
+
+
+def test_bad_routes(crossing, command, tmp_path):
+    arguments = ("net", "import", "--out", "x", "--sumo-net", crossing / "star.net.xml", "--routes")
+    foreign = write_routes(
+        tmp_path / "foreign.rou.xml", '<trip id="t" depart="0" from="here" to="there"/>'
+    )
+    refused(command, *arguments, foreign, words=["routes", "for this net", "here"])
+    empty = write_routes(tmp_path / "empty.rou.xml")
+    refused(command, *arguments, empty, words=["routes", "no vehicle, trip or flow"])
+    cars = crossing / "cars.rou.xml"
+    refused(command, *arguments, cars, words=["routes", "departs from 0 s", "--begin"])
+    refused(command, *arguments, crossing / "star.net.xml", words=["routes", "<net>"])
+    refused(command, *arguments, "none.rou.xml", words=["routes", "none.rou.xml"])
+    both = (cars, "--vehicles-per-hour", 100)
+    refused(command, *arguments, *both, words=["vehicles-per-hour", "routes"])
+    arguments = arguments[:-1]
+    refused(command, *arguments, "--vehicles-per-hour", -5, words=["--vehicles-per-hour", "-5"])
+
+
+def test_bad_extracts(command, tmp_path):
+    arguments = ("net", "import", "--out", "x", "--osm")
+    words = ["osm", "no road"]
+    refused(command, *arguments, town(tmp_path / "a.osm", highway=False), words=words)
+    words = ["no junction in it has traffic signals"]
+    refused(command, *arguments, town(tmp_path / "b.osm", signals=False), words=words)
+    (tmp_path / "c.osm").write_text("<osm")
+    refused(command, *arguments, tmp_path / "c.osm", words=["osm", "OSM's XML"])
+
+
+RESCO = importlib.util.find_spec("sumo_rl")
+
+
+@pytest.mark.skipif(RESCO is None, reason="sumo-rl, which ships the RESCO networks, is not there")
+@pytest.mark.parametrize(
+    ("name", "intersections", "vehicles"), [("cologne3", 3, 2856), ("ingolstadt7", 7, 3031)]
+)
+def test_resco_networks_import_as_they_are(command, name, intersections, vehicles):
+    folder = Path(RESCO.origin).parent / "nets" / "RESCO" / name
+    done = command("net", "import", "--sumo-net", folder / f"{name}.sumocfg", "--out", name)
+    assert done.returncode == 0, done.stderr
+    assert f"{name}: {intersections} intersections, {vehicles} vehicles" in done.stdout
+    blind = ["max-queue", "--missing", "kriging", "--rate", 0.25, "--sensor", "area"]
+    for options in (blind, ["as-built"]):
+        result = run(command, name, "--controller", *options)["result"]
+        assert result["inserted"] > 0
+        assert result["collisions"] == result["teleports"] == result["fallbacks"] == 0

@@ -1,0 +1,284 @@
+"""SUMO nets become networks whose phases follow from the junction's own conflicts."""
+
+import subprocess
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from tests.sumo_files import star
+from tsc_missing.errors import UserError
+from tsc_missing.network.grid import GridSpec, build_grid
+from tsc_missing.network.model import Network
+from tsc_missing.network.netconvert import sumo_tool, write_net
+from tsc_missing.network.slots import N_SLOTS, RIGHT, TURNS, slot_name
+from tsc_missing.network.sumo import compile_sumo, open_net, yellow_for
+from tsc_missing.simulation.detectors import covered_lanes
+from tsc_missing.simulation.states import check_state, green_state, sumo_state
+
+CROSS = (0, 90, 180, 270)
+
+
+def read(path, **options):
+    source = open_net(path)
+    return source, Network("star", compile_sumo(source, **options))
+
+
+def slots(table):
+    return {slot_name(int(slot)) for slot in np.flatnonzero(table)}
+
+
+def assert_sound(network):
+    """Every phase is legal and of its own, and every movement has one or is always green."""
+    for n, node in enumerate(network.intersections):
+        for phase in range(len(node.phases)):
+            check_state(node, green_state(node, phase))
+        tables = {tuple(table) for table in network.phases[n, : len(node.phases)].tolist()}
+        assert len(tables) == len(node.phases)
+        served = network.phases[n].any(axis=0) | network.free_slots[n]
+        assert (served == network.slot_mask[n]).all()
+        links = {k for phase in node.phases for k in phase.links} | set(node.free)
+        assert links == set(range(len(node.links)))
+
+
+def cross(folder):
+    """A cross with a lane for each turn."""
+    spec = GridSpec(rows=1, columns=1, east_west=200, north_south=200)
+    write_net(build_grid(spec), folder / "cross.net.xml")
+    return folder / "cross.net.xml"
+
+
+def test_a_plain_cross_has_the_four_phases_of_the_literature(tmp_path):
+    _, network = read(cross(tmp_path))
+    assert network.ids == ("intersection_1_1",)
+    assert_sound(network)
+    assert network.slot_mask.all()
+    expected = [
+        {"N-straight", "S-straight"},
+        {"E-straight", "W-straight"},
+        {"N-left", "S-left"},
+        {"E-left", "W-left"},
+    ]
+    found = [{s for s in slots(p) if "right" not in s} for p in network.phases[0]]
+    assert sorted(map(sorted, found)) == sorted(map(sorted, expected))
+
+
+def test_all_phases_are_the_eight_pairs(tmp_path):
+    _, network = read(cross(tmp_path), all_phases=True)
+    assert_sound(network)
+    assert network.phase_mask.sum() == 8
+
+
+def test_shared_lanes_are_green_together_and_left_turns_wait_for_gaps(tmp_path):
+    _, network = read(star(tmp_path, CROSS, 1))
+    assert_sound(network)
+    assert network.phase_mask.sum() == 2
+    node = network.intersections[0]
+    for p, phase in enumerate(node.phases):
+        assert len(slots(network.phases[0, p])) == 6
+        state = green_state(node, p)
+        for link in phase.links:
+            left = node.links[link].slot % len(TURNS) == 0
+            assert state[link] == "g" if left else state[link] in "Gg"
+
+
+@pytest.mark.parametrize("bearings", [(0, 90, 180), (10, 130, 250), (30, 160, 275)])
+@pytest.mark.parametrize("lanes", [1, 2, 3])
+def test_three_arms(tmp_path, bearings, lanes):
+    _, network = read(star(tmp_path, bearings, lanes))
+    assert_sound(network)
+    assert network.slot_mask.sum() == 6
+    assert 2 <= network.phase_mask.sum() <= 3
+    assert not network.phases[0][:, ~network.slot_mask[0]].any()
+
+
+def test_five_arms_share_four_approaches(tmp_path):
+    source, network = read(star(tmp_path, (0, 72, 144, 216, 288), 2))
+    assert_sound(network)
+    assert len(set(network.intersections[0].roads.values())) == 4
+    assert any("more than four roads" in note for note in source.notes)
+
+
+def test_offset_approaches_get_one_each(tmp_path):
+    _, network = read(star(tmp_path, (40, 60, 200, 280), 2))
+    assert_sound(network)
+    assert sorted(network.intersections[0].roads.values()) == [0, 1, 2, 3]
+
+
+def test_pedestrians_are_ignored_with_a_note(tmp_path):
+    options = ("--crossings.guess", "--sidewalks.guess=false")
+    source, network = read(star(tmp_path, CROSS, 2, options=options, sidewalk=True))
+    assert_sound(network)
+    assert any("pedestrians are ignored: 4 crossings" in note for note in source.notes)
+    node = network.intersections[0]
+    assert node.state_length == len(node.links) + 4
+    assert sumo_state(node, green_state(node, 0)).endswith("rrrr")
+    assert not any(lane.endswith("_0") for lane in network.record.lanes)  # the sidewalks
+
+
+def test_signal_groups_keep_their_place_in_the_state(tmp_path):
+    _, network = read(star(tmp_path, CROSS, 1, options=("--tls.group-signals",)))
+    node = network.intersections[0]
+    assert node.positions is not None
+    assert node.state_length < len(node.links)
+    for phase in range(len(node.phases)):
+        shown = sumo_state(node, green_state(node, phase))
+        assert len(shown) == node.state_length
+        for link, place in enumerate(node.positions):
+            assert (shown[place] == "r") == (green_state(node, phase)[link] == "r")
+
+
+def test_one_signal_at_two_junctions(tmp_path):
+    """Offset side roads: the road between the junctions goes with the main road."""
+    nodes = {
+        "w": (-200, 0),
+        "a": (0, 0),
+        "b": (40, 0),
+        "e": (240, 0),
+        "n": (0, 200),
+        "s": (40, -200),
+    }
+    ends = [("w", "a"), ("a", "b"), ("b", "e"), ("n", "a"), ("s", "b")]
+    light = ' type="traffic_light" tl="J"'
+    lines = [
+        f'<node id="{k}" x="{x}" y="{y}"{light if k in "ab" else ""}/>'
+        for k, (x, y) in nodes.items()
+    ]
+    (tmp_path / "j.nod.xml").write_text(f"<nodes>{''.join(lines)}</nodes>")
+    edges = [f'<edge id="{i}{j}" from="{i}" to="{j}"/>' for p in ends for i, j in (p, p[::-1])]
+    (tmp_path / "j.edg.xml").write_text(f"<edges>{''.join(edges)}</edges>")
+    command = [sumo_tool("netconvert"), "-n", "j.nod.xml", "-e", "j.edg.xml", "-o", "j.net.xml"]
+    subprocess.run([*command, "--no-turnarounds"], cwd=tmp_path, check=True, capture_output=True)
+    source, network = read(tmp_path / "j.net.xml")
+    assert network.ids == ("J",)
+    roads = network.intersections[0].roads
+    assert (roads["ab"], roads["ba"]) == (roads["wa"], roads["eb"])
+    assert len({roads[name] for name in ("wa", "eb", "na", "sb")}) == 4
+    assert_sound(network)
+    assert any("several junctions: J" in note for note in source.notes)
+
+
+def test_lanes_without_a_signal_are_no_movements(tmp_path):
+    """Right turns that bypass the signal: their slots are absent, and nothing waits for them."""
+    path = cross(tmp_path)
+    tree = ElementTree.parse(path)
+    connections = [c for c in tree.iter("connection") if c.get("tl")]
+    for connection in connections:
+        if connection.get("dir") == "r":
+            del connection.attrib["tl"], connection.attrib["linkIndex"]
+    tree.write(path)
+    _, network = read(path)
+    assert_sound(network)
+    assert {slot % len(TURNS) for slot in np.flatnonzero(network.slot_mask[0])} == {0, 1}
+    node = network.intersections[0]
+    assert node.state_length == len(connections)  # the places are still in SUMO's state
+
+
+def test_left_hand_traffic_is_the_mirror_image(tmp_path):
+    """Right turns cross the oncoming traffic, so from shared lanes they wait for gaps."""
+    source, network = read(star(tmp_path, CROSS, 1, options=("--lefthand",)))
+    assert_sound(network)
+    assert network.record.left_hand
+    assert any("left" in note for note in source.notes)
+    assert network.phase_mask.sum() == 2
+    node = network.intersections[0]
+    for p, phase in enumerate(node.phases):
+        state = green_state(node, p)
+        waiting = {node.links[k].slot % len(TURNS) for k in phase.links if state[k] == "g"}
+        assert waiting == {RIGHT}
+
+
+def test_turns_that_the_net_never_stops_are_always_green(tmp_path):
+    path = cross(tmp_path)
+    tree = ElementTree.parse(path)
+    right = {
+        int(c.get("linkIndex"))
+        for c in tree.iter("connection")
+        if c.get("dir") == "r" and c.get("tl")
+    }
+    for phase in tree.iter("phase"):
+        state = phase.get("state")
+        phase.set(
+            "state", "".join("s" if k in right and a == "r" else a for k, a in enumerate(state))
+        )
+    tree.write(path)
+    _, network = read(path)
+    assert_sound(network)
+    assert slots(network.free_slots[0]) == {f"{a}-right" for a in "NESW"}
+    assert network.phase_mask.sum() == 4
+
+
+def test_only_the_signals_that_are_named(tmp_path):
+    path = grid_net(tmp_path)
+    source, network = read(path, chosen=["A0"])
+    assert network.ids == ("A0",)
+    assert any("3 other signals" in note for note in source.notes)
+    with pytest.raises(UserError, match=r"signals: A9 .*did you mean A"):
+        compile_sumo(open_net(path), ["A9"])
+
+
+def grid_net(folder):
+    target = folder / "grid.net.xml"
+    options = ["--grid", "--grid.number=2", "--grid.attach-length=150", "--grid.length=200"]
+    more = ["--default-junction-type=traffic_light", "--no-turnarounds", "-o", str(target)]
+    command = [sumo_tool("netgenerate"), *options, *more, "--default.lanenumber=2"]
+    subprocess.run(command, check=True, capture_output=True)
+    return target
+
+
+def test_neighbours_are_found_through_junctions_without_signals(tmp_path):
+    """A road that is cut by a plain node counts as one; short lanes are sensed beyond the node."""
+    path = grid_net(tmp_path)
+    _, whole = read(path)
+    cut = tmp_path / "cut.net.xml"
+    (tmp_path / "cut.edg.xml").write_text(
+        '<edges><edge id="A0B0"><split pos="160"/></edge></edges>'
+    )
+    command = [sumo_tool("netconvert"), "-s", str(path), "-e", str(tmp_path / "cut.edg.xml")]
+    subprocess.run([*command, "-o", str(cut)], check=True, capture_output=True)
+    _, network = read(cut)
+    assert (network.neighbours == whole.neighbours).all()
+    assert (network.adjacency == whole.adjacency).all()
+    assert whole.record.reach is None
+    assert network.record.reach
+    lanes = network.record.lanes
+    for name, parts in network.record.reach.items():
+        assert lanes[name].length < 100
+        assert [part.lane for part in parts] == [f"A0B0_{name[-1]}"]
+        assert parts[0].distance == pytest.approx(lanes[name].length, abs=0.01)
+    places, flat, weight = network.sensor_slots
+    assert len(network.sensor_lanes) == len(network.entrance_lanes) + 2
+    assert np.bincount(places, weight).max() <= 1 + 1e-9
+    assert flat.max() < network.n * N_SLOTS
+    short = max(parts[0].distance for parts in network.record.reach.values())
+    assert covered_lanes(network, short / 2) == network.entrance_lanes
+    assert covered_lanes(network, short + 1) == network.sensor_lanes
+
+
+def test_yellow_follows_from_the_speed():
+    assert [yellow_for(v / 3.6) for v in (30, 40, 50, 70, 100)] == [3, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "cannot be read as a SUMO net"),
+        ("<net", "cannot be read as a SUMO net"),
+        ("no XML", "cannot be read as a SUMO net"),
+        ("<routes/>", "SUMO net"),
+    ],
+)
+def test_files_that_are_no_nets(tmp_path, content, words):
+    path = tmp_path / "x.net.xml"
+    path.write_text(content)
+    with pytest.raises(UserError, match=words):
+        open_net(path)
+
+
+def test_nets_without_a_signal_to_control(tmp_path):
+    with pytest.raises(UserError, match="no junction in it has traffic signals"):
+        compile_sumo(open_net(star(tmp_path, CROSS, 1, kind="priority")))
+    with pytest.raises(
+        UserError, match=r"nothing to decide|anything to decide: c \(no conflicts\)"
+    ):
+        compile_sumo(open_net(star(tmp_path, (0, 180), 1)))

@@ -1,0 +1,121 @@
+"""SUMO's files around a net: configurations, and the signal programs of additional files."""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tsc_missing.errors import UserError
+from tsc_missing.network.sumo_links import NO_SIGNALS
+
+FIELD = "sumo-net"
+CONFIGURATION = ".sumocfg"
+DEMAND = ("vehicle", "trip", "flow", "route", "vType", "vTypeDistribution", "routeDistribution")
+
+
+@dataclass(frozen=True)
+class SumoFiles:
+    """What a SUMO scenario is made of; ``begin`` and ``end`` [s] where a configuration says so."""
+
+    net: Path
+    routes: tuple[Path, ...] = ()
+    additional: tuple[Path, ...] = ()
+    begin: float | None = None
+    end: float | None = None
+
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """All files."""
+        return (self.net, *self.routes, *self.additional)
+
+
+@dataclass
+class Additional:
+    """What is kept of additional files: signal programs, and files that hold demand or types."""
+
+    programs: dict[str, ElementTree.Element] = field(default_factory=dict)
+    demand: list[Path] = field(default_factory=list)
+    has_traffic: bool = False
+    left_out: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def states(self) -> dict[str, list[str]]:
+        """The states of each signal's program."""
+        return {
+            name: [phase.get("state", "") for phase in logic.iter("phase")]
+            for name, logic in self.programs.items()
+        }
+
+
+def find_files(given: Path) -> SumoFiles:
+    """The files of a net, or those that a configuration (``.sumocfg``) names."""
+    if not given.is_file():
+        raise UserError(FIELD, given, "there is no such file")
+    if given.suffix != CONFIGURATION:
+        return SumoFiles(given)
+    root = _parse(given)
+    values = {element.tag: element.get("value", element.get("v", "")) for element in root.iter()}
+
+    def paths(*names: str) -> tuple[Path, ...]:
+        text = next((values[name] for name in names if values.get(name)), "")
+        return tuple(given.parent / part.strip() for part in text.split(",") if part.strip())
+
+    nets = paths("net-file", "net")
+    if not nets:
+        raise UserError(FIELD, given, "it must name a net-file")
+    files = SumoFiles(
+        nets[0], paths("route-files", "routes"), paths("additional-files", "additional")
+    )
+    for path in files.all:
+        if not path.is_file():
+            raise UserError(FIELD, given, f"it names {path}, which is not there")
+    return replace(
+        files, begin=_seconds(values, "begin", given), end=_seconds(values, "end", given)
+    )
+
+
+def _seconds(values: dict[str, str], name: str, path: Path) -> float | None:
+    """A time as SUMO writes it: seconds, or (days:)hours:minutes:seconds; below 0 means none."""
+    text = values.get(name, "").strip()
+    if not text:
+        return None
+    try:
+        parts = [float(part) for part in text.split(":")]
+    except ValueError:
+        raise UserError(FIELD, path, f"{name} must be a time, not {text!r}") from None
+    units = (1.0, 60.0, 3600.0, 86400.0)
+    seconds = sum(part * unit for part, unit in zip(reversed(parts), units, strict=False))
+    return seconds if seconds >= 0 else None
+
+
+def read_additional(paths: tuple[Path, ...]) -> Additional:
+    """The signal programs of additional files, and which of the files hold demand."""
+    found = Additional()
+    for path in paths:
+        root = _parse(path)
+        if any(child.tag in DEMAND for child in root):
+            found.demand.append(path)
+        found.has_traffic |= any(child.tag in DEMAND[:3] for child in root)
+        for child in root:
+            if child.tag == "tlLogic" and child.get("type") not in NO_SIGNALS:
+                found.programs[child.get("id", "")] = child
+            elif child.tag not in DEMAND:
+                found.left_out[child.tag] += 1
+    return found
+
+
+def write_programs(additional: Additional, target: Path) -> None:
+    """Write the signal programs as one additional file, if there are any."""
+    if additional.programs:
+        root = ElementTree.Element("additional")
+        root.extend(additional.programs.values())
+        ElementTree.ElementTree(root).write(target, encoding="utf-8")
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    try:
+        return ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise UserError(FIELD, path, f"the file cannot be read ({error.strerror})") from None
+    except ElementTree.ParseError as error:
+        raise UserError(FIELD, path, f"not valid XML ({error})") from None
