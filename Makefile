@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --con
 .PHONY: run test check bench clean
 
 run: $(VENV)/.core
-	$(BIN)/tsc-run --net jinan --missing kriging --rate 0.25 --controller max-queue
+	$(BIN)/tsc-run --net jinan --missing kriging --rate 0.25
 
 test: check
 	$(BIN)/python -m pytest --numprocesses 2

@@ -103,7 +103,7 @@ class DiffusionSettings(Settings):
 
     weights: str = "universal"  # a name of packaged weights, or a path
     sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
-    scoring: Literal["inverse", "queue", "mixed", "value"] = "inverse"  # controller difflight only
+    scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
 
 
 class RunSettings(Settings):
@@ -112,7 +112,7 @@ class RunSettings(Settings):
     net: str = "jinan"
     demand: Literal["auto", "profile", "recorded"] = "auto"
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
-    controller: str = "max-queue"
+    controller: str = "difflight"
     imputer: str = "sfm-4"
     blind: Literal["auto", "none", "fixed-time", "expected-queue"] = (
         "auto"  # auto: none with imputer diffusion
