@@ -84,15 +84,15 @@ def make_controller(
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    The rule "auto" is the fixed cycle, or none where the diffusion model fills the holes, which
-    knows what its values at blind intersections come from. Raises ``UserError`` for names that
+    The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
+    values at blind intersections come from. Raises ``UserError`` for names that
     are unknown and for weights that cannot be used.
     """
     if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED):
         known = [*CONTROLLERS, *LEARNED, DIFFLIGHT, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
-        blind = "none" if imputer == DIFFUSION or name == DIFFLIGHT else "fixed-time"
+        blind = "none" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
     if name == DIFFLIGHT:
