@@ -1,4 +1,4 @@
-"""What the weights that come with the package decide; torch's last bits may differ, so ties may."""
+"""What the weights that come with the package are, and decide."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,17 @@ from tsc_missing.weights.file import read_tensors
 from tsc_missing.weights.find import FOLDER, find_weights, packaged_weights
 
 GRID = grid_network(2, 3)
-GOLDEN = []
+GOLDEN = [
+    [0, 3, 3, 2, 1, 0],
+    [1, 1, 0, 0, 0, 0],
+    [0, 0, 1, 1, 2, 0],
+    [3, 1, 0, 2, 3, 2],
+    [0, 3, 2, 1, 2, 0],
+    [3, 1, 2, 2, 2, 0],
+    [0, 0, 1, 2, 2, 2],
+    [1, 1, 1, 2, 3, 1],
+]
+NEAR_TIES = 2  # decisions that another processor's rounding of bf16 may turn
 LARGEST = 3e6  # [bytes] of a file
 
 
@@ -27,7 +37,9 @@ def decisions(name, **options):
 
 
 def test_golden_decisions():
-    assert decisions("difflight").tolist() == GOLDEN
+    found = decisions("difflight")
+    assert found.shape == (8, 6)
+    assert (found != np.array(GOLDEN)).sum() <= NEAR_TIES
 
 
 def test_the_default_is_difflight():
