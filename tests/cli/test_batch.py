@@ -46,7 +46,8 @@ def test_a_batch_is_what_its_runs_are_alone_and_runs_once(command, small_net):
     assert "net.net.xml" in table[name]["checksums"]
 
     alone = command(
-        *("run", "--net", small_net, "--horizon", 90, "--seed", 1, "--imputer", "last"),
+        *("run", "--net", small_net, "--horizon", 90, "--seed", 1),
+        *("--controller", "max-queue", "--imputer", "last"),
         *("--missing", "random", "--rate", 0.5, "--out", "alone"),
     )
     assert alone.returncode == 0, alone.stderr

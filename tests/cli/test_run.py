@@ -32,7 +32,7 @@ def test_a_run_ends_with_a_table_and_a_whole_folder(command, small_net):
     for words in ("kriging", "att_all", "att_approach", "written to runs/"):
         assert words in done.stdout
     (folder,) = (command.cwd / "runs").iterdir()
-    assert folder.name == "small-kriging-0.25-max-queue-seed0"
+    assert folder.name == "small-kriging-0.25-difflight-seed0"
     assert {file.name for file in folder.iterdir()} == RUN_FILES
 
 
@@ -82,7 +82,7 @@ def test_output_that_cannot_be_written_is_an_error(command, small_net):
 
 
 def test_a_mask_can_be_replayed(command, small_net):
-    options = ("--net", small_net, "--horizon", 300)
+    options = ("--net", small_net, "--horizon", 300, "--controller", "max-queue")
     drawn = run_json(
         command, *options, "--missing", "mixed", "--rate", 0.4, "--mean-outage", 3, "--out", "a"
     )
@@ -141,7 +141,7 @@ def test_every_pattern_and_imputer(command, small_net, pattern, imputer):
 
 
 def test_area_detectors_as_long_as_the_lane_measure_the_lane(command, small_net):
-    options = ("--net", small_net, "--horizon", 300)
+    options = ("--net", small_net, "--horizon", 300, "--controller", "max-queue")
     lane = run_json(command, *options, "--out", "lane")
     area = run_json(
         command, *options, "--sensor", "area", "--detector-length", 1000, "--out", "area"

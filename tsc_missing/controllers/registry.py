@@ -15,7 +15,7 @@ from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
-from tsc_missing.imputation.registry import DIFFUSION, make_imputer
+from tsc_missing.imputation.registry import DIFFUSION, check_imputer, make_imputer
 from tsc_missing.simulation.native import AS_BUILT, KINDS
 from tsc_missing.weights.find import find_weights
 
@@ -95,6 +95,7 @@ def make_controller(
         blind = "none" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
+    check_imputer(imputer)
     if name == DIFFLIGHT:
         return BLIND[blind](_difflight(diffusion or DiffusionSettings(), q_weights))
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)

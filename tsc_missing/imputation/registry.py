@@ -22,11 +22,16 @@ IMPUTERS: dict[str, Callable[[], Imputer]] = {
 DIFFUSION = "diffusion"  # apart from the others: it needs weights
 
 
+def check_imputer(name: str) -> None:
+    """Raise ``UserError`` with the nearest name where there is none of this name."""
+    if name != DIFFUSION and name not in IMPUTERS:
+        raise UserError("imputer", name, nearest(name, [*IMPUTERS, DIFFUSION]))
+
+
 def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imputer:
     """A new imputer by its name; ``UserError`` names the nearest where there is none."""
     if name == DIFFUSION:
         settings = diffusion or DiffusionSettings()
         return DiffusionImputer(find_weights(settings.weights), settings.sampling_steps)
-    if name not in IMPUTERS:
-        raise UserError("imputer", name, nearest(name, [*IMPUTERS, DIFFUSION]))
+    check_imputer(name)
     return IMPUTERS[name]()
