@@ -2,7 +2,6 @@
 
 import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from tools.datasets import Dataset
@@ -22,8 +21,8 @@ def run_one(settings: RunSettings) -> Result:
 def run_all(settings: Sequence[RunSettings], workers: int) -> list[Result]:
     """All results, each from a process of its own, in the order of the settings."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
-        return list(pool.map(run_one, settings))
+    with context.Pool(workers, maxtasksperchild=1) as pool:
+        return pool.map(run_one, settings, chunksize=1)
 
 
 def import_dataset(dataset: Dataset, shared: Path, scratch: Path) -> str:

@@ -74,11 +74,18 @@ def sync(path: Path) -> None:
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that is whole, with the old or the new content, at any moment."""
-    temporary = path.with_name(f".{path.name}.new")
-    temporary.write_bytes(content)
-    sync(temporary)
-    temporary.replace(path)
+    """Write a file that is whole, with the old or the new content, at any moment.
+
+    Raises ``OSError`` where it cannot be written; nothing half-written stays behind.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_bytes(content)
+        sync(temporary)
+        temporary.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ pytest.importorskip("torch")
 from tests.controllers.planning import observations
 from tests.networks import context_for, grid_network
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.registry import make_controller
+from tsc_missing.controllers.registry import controller_of
 from tsc_missing.weights.file import read_tensors
 from tsc_missing.weights.find import FOLDER, find_weights, packaged_weights
 
@@ -28,10 +28,7 @@ LARGEST = 3e6  # [bytes] of a file
 
 
 def decisions(name, **options):
-    settings = RunSettings(controller=name, **options)
-    controller = make_controller(
-        name, settings.imputer, settings.blind, settings.diffusion, settings.q_weights
-    )
+    controller = controller_of(RunSettings(controller=name, **options))
     controller.reset(context_for(GRID))
     return np.array([controller.decide(observation) for observation in observations(GRID)])
 

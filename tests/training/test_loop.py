@@ -115,7 +115,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(settings, dataset, tmp_path, mon
     def full(descriptor):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(checkpoint.os, "fsync", full)
+    monkeypatch.setattr("os.fsync", full)
     with pytest.raises(UserError, match=r"No space left on device.*--resume"):
         training.run()
     assert (tmp_path / "a" / checkpoint.FILE).read_bytes() == before

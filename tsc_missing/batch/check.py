@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import NATIVE, make_controller
+from tsc_missing.controllers.registry import NATIVE, controller_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.sensing.patterns import draw_mask
@@ -60,13 +60,7 @@ def _problem(run: RunSpec) -> UserError | None:
     if settings.controller in NATIVE:
         return None
     try:
-        make_controller(
-            settings.controller,
-            settings.imputer,
-            settings.blind,
-            settings.diffusion,
-            settings.q_weights,
-        )
+        controller_of(settings)
     except UserError as error:
         return error
     return None

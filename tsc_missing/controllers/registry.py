@@ -104,6 +104,17 @@ def make_controller(
     return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
 
 
+def controller_of(settings: RunSettings) -> Controller:
+    """The controller of a run; raises as ``make_controller`` does."""
+    return make_controller(
+        settings.controller,
+        settings.imputer,
+        settings.blind,
+        settings.diffusion,
+        settings.q_weights,
+    )
+
+
 def make_policy(name: str) -> Controller:
     """The controller ``name`` for complete observations; the learned ones have packaged weights."""
     if name in LEARNED or name == VALUE:

@@ -7,7 +7,7 @@ from pathlib import Path
 from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.fallback import Safe
-from tsc_missing.controllers.registry import NATIVE, make_controller, weights_of
+from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
@@ -69,13 +69,7 @@ def check_timing(signals: SignalSettings, network: Network) -> None:
 def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
     if settings.controller in NATIVE:
         return NativeProgram(settings.controller, scenario.folder.network)
-    controller = make_controller(
-        settings.controller,
-        settings.imputer,
-        settings.blind,
-        settings.diffusion,
-        settings.q_weights,
-    )
+    controller = controller_of(settings)
     return Safe(controller, float(settings.signals.decision_interval))
 
 

@@ -77,6 +77,8 @@ def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) 
             raise UserError("volume", net, "its demand has only volume 1: min and max must be")
         spec = draw_spec(settings, number)
         draw_mask(settings.missing, scenario.folder.network, 1, spec.mask_seed)
+    for name in settings.policies:
+        make_policy([name], None, 0.0)  # one without weights says so now
 
 
 def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:

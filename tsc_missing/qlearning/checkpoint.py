@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import torch
 from torch import Tensor
 
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.learner import Learner
 from tsc_missing.weights.file import read_tensors, write_tensors
+from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
 
 KIND = "q-training"
 CHECKPOINT = "checkpoint.safetensors"
@@ -36,36 +36,23 @@ def load_learner(folder: Path, settings: QLearningSettings, learner: Learner) ->
     for name in wanted:
         if wanted[name] != before.get(name):
             raise UserError(name, wanted[name], f"{folder} was begun with {before.get(name)}")
-    learner.network.load_state_dict(_of("network", tensors))
-    learner.target.load_state_dict(_of("target", tensors))
-    learner.acting.load_state_dict(_of("acting", tensors))
-    weights = dict(learner.network.named_parameters())
-    for name, tensor in _of("optimiser", tensors).items():
-        full, key = name.rsplit("/", 1)
-        learner.optimiser.state[weights[full]][key] = tensor
+    learner.network.load_state_dict(part_of("network", tensors))
+    learner.target.load_state_dict(part_of("target", tensors))
+    learner.acting.load_state_dict(part_of("acting", tensors))
+    restore_optimiser(learner.network, learner.optimiser, part_of("optimiser", tensors))
     learner.done = int(manifest["updates"])
     return int(manifest["rounds"])
 
 
 def _tensors(learner: Learner) -> dict[str, Tensor]:
-    state = {
-        f"{name}/{key}": value
-        for name, weight in learner.network.named_parameters()
-        for key, value in learner.optimiser.state.get(weight, {}).items()
-    }
     parts = {
         "network": learner.network.state_dict(),
         "target": learner.target.state_dict(),
         "acting": learner.acting.state_dict(),
-        "optimiser": state,
+        "optimiser": optimiser_state(learner.network, learner.optimiser),
     }
     return {
-        f"{part}/{name}": torch.as_tensor(tensor).clone()
+        name: tensor
         for part, tensors in parts.items()
-        for name, tensor in tensors.items()
+        for name, tensor in under(part, tensors).items()
     }
-
-
-def _of(part: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    start = f"{part}/"
-    return {name.removeprefix(start): x for name, x in tensors.items() if name.startswith(start)}

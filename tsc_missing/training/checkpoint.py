@@ -1,8 +1,6 @@
 """Checkpoints: weights, their average and the optimiser's state in one safetensors file."""
 
-import contextlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,8 @@ from torch import Tensor
 from tsc_missing.diffusion.difflight import DiffLightModel
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.errors import UserError
+from tsc_missing.files import replace_file
+from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
 
 FIELD = "checkpoint"
 FILE = "checkpoint.safetensors"
@@ -40,21 +40,12 @@ def save_checkpoint(
     Raises ``OSError`` if it cannot be written.
     """
     tensors = {
-        **_under("model", model.state_dict()),
-        **_under("ema", ema.state_dict()),
-        **_under("optimiser", _optimiser_tensors(model, optimiser)),
+        **under("model", model.state_dict()),
+        **under("ema", ema.state_dict()),
+        **under("optimiser", optimiser_state(model, optimiser)),
     }
     content = save(tensors, metadata={"progress": at.model_dump_json()})
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    replace_file(path, content)
 
 
 def load_checkpoint(path: Path) -> tuple[Progress, dict[str, Tensor]]:
@@ -83,36 +74,8 @@ def restore(
 ) -> None:
     """Put a checkpoint's tensors back; ``UserError`` if they are not those of the model."""
     try:
-        model.load_state_dict(_of("model", tensors))
-        ema.load_state_dict(_of("ema", tensors))
-        _restore_optimiser(model, optimiser, _of("optimiser", tensors))
+        model.load_state_dict(part_of("model", tensors))
+        ema.load_state_dict(part_of("ema", tensors))
+        restore_optimiser(model, optimiser, part_of("optimiser", tensors))
     except (RuntimeError, KeyError):
         raise UserError(FIELD, path, "its tensors are not those of its model") from None
-
-
-def _optimiser_tensors(
-    model: DiffLightModel, optimiser: torch.optim.Optimizer
-) -> dict[str, Tensor]:
-    return {
-        f"{name}/{key}": value
-        for name, weight in model.named_parameters()
-        for key, value in optimiser.state.get(weight, {}).items()
-    }
-
-
-def _restore_optimiser(
-    model: DiffLightModel, optimiser: torch.optim.Optimizer, tensors: dict[str, Tensor]
-) -> None:
-    weights = dict(model.named_parameters())
-    for full, value in tensors.items():
-        name, key = full.rsplit("/", 1)
-        optimiser.state[weights[name]][key] = value
-
-
-def _under(part: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {f"{part}/{name}": tensor.contiguous().clone() for name, tensor in tensors.items()}
-
-
-def _of(part: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    start = f"{part}/"
-    return {name.removeprefix(start): t for name, t in tensors.items() if name.startswith(start)}

@@ -1,9 +1,7 @@
 """Weights files: safetensors with a manifest, whole or refused in one line."""
 
-import contextlib
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from tsc_missing.errors import UserError
+from tsc_missing.files import replace_file
 from tsc_missing.weights.find import FIELD
 
 VERSION = 1  # of the file and of what its tensors mean
@@ -27,15 +26,10 @@ def write_tensors(
     tensors = {name: tensor.contiguous() for name, tensor in tensors.items()}
     whole = {**manifest, "kind": kind, "version": VERSION, "checksum": checksum(tensors)}
     content = save(tensors, metadata={"manifest": json.dumps(whole, sort_keys=True)})
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
+        replace_file(path, content)
     except OSError as error:
         raise UserError(FIELD, path, f"cannot be written ({error.strerror})") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def read_tensors(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
