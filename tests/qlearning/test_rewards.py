@@ -37,7 +37,7 @@ def test_departures_are_told_without_bias_and_with_less_noise_than_the_vehicles(
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])
-def test_standing_vehicles(weight):
+def test_vehicles_on_the_entrance_lanes(weight):
     log, _ = made_up(20)
     settings = QLearningSettings(
         algorithm="value", nets=("x",), running_weight=weight, reward_scale=10.0

@@ -9,12 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256
 from tsc_missing.network.folder import RECORD
 from tsc_missing.network.model import BoolArray, Network
-from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import (
     EPISODES,
     MANIFEST,
@@ -29,7 +27,8 @@ from tsc_missing.offline.dataset import (
     start_dataset,
     write_json,
 )
-from tsc_missing.offline.log import EpisodeLog, log_of, read_log, write_log
+from tsc_missing.offline.episode import play
+from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.plan import CollectSettings, EpisodeSpec, draw_spec
 from tsc_missing.offline.policies import Unaware, make_policy, unaware_set
 from tsc_missing.processes import worker_processes
@@ -84,19 +83,10 @@ def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) 
 def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
     """Run an episode and write its log into the dataset at ``out``."""
     scenario = find_scenario(spec.net, spec.demand)
-    network, settings = scenario.folder.network, spec.run_settings()
-    everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
-    scene = scenario.scene(settings, everything)
-    policy = make_policy(spec.policies, spec.switch_at, spec.epsilon)
-    policy = Unaware(policy, unaware_set(spec.unaware, spec.seed, network.n), spec.seed)
-    with tempfile.TemporaryDirectory(dir=scratch) as folder:
-        trace = run_closed_loop(scene, settings, policy, Path(folder))
-    mask = None
-    if spec.missing.pattern != "none":
-        mask = draw_mask(spec.missing, network, settings.steps, spec.mask_seed)
-    write_log(
-        out / EPISODES / spec.file, log_of(trace, network, mask), spec.model_dump(mode="json")
-    )
+    unaware = unaware_set(spec.unaware, spec.seed, scenario.folder.network.n)
+    policy = Unaware(make_policy(spec.policies, spec.switch_at, spec.epsilon), unaware, spec.seed)
+    log = play(scenario, spec.run_settings(), policy, spec.missing, spec.mask_seed, scratch)
+    write_log(out / EPISODES / spec.file, log, spec.model_dump(mode="json"))
 
 
 def _run_all(specs: list[EpisodeSpec], out: Path, workers: int) -> Iterator[EpisodeSpec]:

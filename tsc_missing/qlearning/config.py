@@ -7,10 +7,10 @@ from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 
-Reward = Literal["standing", "departures"]
+Reward = Literal["vehicles", "departures"]
 """What a step is worth (``qlearning.rewards``).
 
-``standing``: minus the vehicles on the entrance lanes at its end, the running ones with a weight.
+``vehicles``: minus the vehicles on the entrance lanes at its end, the running ones with a weight.
 ``departures``: the vehicles that its greens let through.
 """
 
@@ -28,8 +28,8 @@ class QLearningSettings(Settings):
     horizon: int = Field(3600, gt=0)  # [s] of an episode
 
     width: int = Field(32, ge=4, multiple_of=4)
-    reward: Reward = "standing"
-    running_weight: float = Field(0.0, ge=0, le=1)  # of running vehicles in the reward "standing"
+    reward: Reward = "vehicles"
+    running_weight: float = Field(0.0, ge=0, le=1)  # of running vehicles in the reward "vehicles"
     reward_scale: float = Field(20.0, gt=0)  # [vehicles] that count as 1
     discount: float = Field(0.9, ge=0, lt=1)  # of the next step
 

@@ -63,15 +63,18 @@ def dense(*widths: int, last: bool = True) -> nn.Sequential:
 class SlotEmbedding(nn.Module):
     """Chosen features of a slot, and which slot it is, to a vector; zero where it is not there."""
 
+    place: Tensor
+
     def __init__(self, names: tuple[str, ...], width: int) -> None:
         """``names`` of ``qlearning.features``."""
         super().__init__()
         self.columns = columns(*names)
+        self.register_buffer("place", torch.eye(N_SLOTS), persistent=False)
         self.layers = dense(len(self.columns) + N_SLOTS, 2 * width, width, last=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """(…, 12, N_NAMES) to (…, 12, D)."""
-        place = torch.eye(N_SLOTS).expand(*x.shape[:-1], N_SLOTS)
+        place = self.place.expand(*x.shape[:-1], N_SLOTS)
         e: Tensor = self.layers(torch.cat((x[..., self.columns], place), dim=-1))
         return e * x[..., THERE : THERE + 1]
 

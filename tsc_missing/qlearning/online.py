@@ -1,6 +1,5 @@
 """Learning in the closed loop: rounds of episodes, and updates on what happened in them."""
 
-import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack
@@ -13,11 +12,10 @@ from torch import Tensor
 
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import read_dataset
-from tsc_missing.offline.log import EpisodeLog, log_of, read_log, write_log
+from tsc_missing.offline.episode import play
+from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.policies import Exploring
 from tsc_missing.processes import worker_processes
 from tsc_missing.qlearning.checkpoint import load_learner, save_learner
@@ -62,20 +60,15 @@ class Seen:
 Watch = Callable[[Seen], None]
 
 
-def play(episode: Episode) -> None:
+def play_episode(episode: Episode) -> None:
     """Run an episode and write its log."""
     torch.set_num_threads(1)
     settings = episode.settings
-    scenario = find_scenario(settings.net, settings.demand)
-    network = scenario.folder.network
     q = ALGORITHMS[episode.algorithm](episode.width)
     q.load_state_dict(dict(episode.weights))
-    everything = np.ones((settings.steps, network.n, N_SLOTS), dtype=bool)
-    scene = scenario.scene(settings, everything)
     policy = Exploring(QPolicy(q.eval(), episode.algorithm), episode.epsilon)
-    with tempfile.TemporaryDirectory(prefix="tsc-") as folder:
-        trace = run_closed_loop(scene, settings, policy, Path(folder))
-    write_log(episode.path, log_of(trace, network, None), {"net": settings.net})
+    log = play(find_scenario(settings.net, settings.demand), settings, policy)
+    write_log(episode.path, log, {"net": settings.net})
 
 
 class QTraining:
@@ -151,7 +144,7 @@ class QTraining:
     def _play(self, pool: ProcessPoolExecutor, number: int) -> list[Future[None]]:
         weights = {name: x.clone() for name, x in self.learner.acting.state_dict().items()}
         return [
-            pool.submit(play, self._episode(number, k, weights))
+            pool.submit(play_episode, self._episode(number, k, weights))
             for k in range(self.settings.episodes)
         ]
 
