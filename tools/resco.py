@@ -30,7 +30,7 @@ NETWORKS = (
     "ingolstadt7",
     "ingolstadt21",
 )
-CONTROLLERS = ("fixed-time", "max-queue", "max-pressure", "advanced-max-pressure")
+CONTROLLERS = ("fixed-time", "max-queue", "max-pressure", "advanced-max-pressure", "difflight")
 BLIND_TO_SENSORS = ("as-built", "fixed-time", "actuated", "delay_based")
 CASES = {
     "none": MissingSettings(),
