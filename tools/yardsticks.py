@@ -19,13 +19,14 @@ import numpy as np
 
 from tools.datasets import DATASETS, REFERENCE
 from tools.runs import HORIZON, import_dataset, run_all, seconds
-from tsc_missing.config import RunSettings, VehicleType
+from tsc_missing.config import RunSettings, SignalSettings, VehicleType
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.versions import versions
 
 CONVERSION = ("fixed-time-15", "fixed-time-30", "max-pressure", "max-queue")
 BUNDLED = ("fixed-time-15", "max-queue", "max-pressure")
 SEEDS = (0, 1, 2)
+SIGNALS = SignalSettings(max_red=0)  # as in CityFlow
 
 
 @dataclass(frozen=True)
@@ -111,11 +112,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for dataset in wanted:
             net = import_dataset(dataset, options.shared, Path(scratch))
             recorded += [
-                Job(dataset.name, RunSettings(net=net, controller=c, vehicle=vehicle))
+                Job(
+                    dataset.name,
+                    RunSettings(net=net, controller=c, vehicle=vehicle, signals=SIGNALS),
+                )
                 for c in CONVERSION
             ]
             bundled += [
-                Job(dataset.name, RunSettings(net=dataset.name, controller=c, seed=s))
+                Job(
+                    dataset.name,
+                    RunSettings(net=dataset.name, controller=c, seed=s, signals=SIGNALS),
+                )
                 for c in BUNDLED
                 for s in SEEDS
             ]

@@ -72,6 +72,7 @@ class SignalSettings(Settings):
     yellow: int = Field(5, gt=0)  # inside the interval, when the phase changes
     all_red: int = Field(0, ge=0)  # after the yellow, inside the interval
     min_green: int = Field(10, ge=0)
+    max_red: int = Field(240, ge=0)  # 0: no bound; for controllers that decide on values
     network_timing: bool = True  # where an intersection has its own yellow and min_green, those
 
     def yellow_at(self, node: IntersectionRecord) -> int:

@@ -95,6 +95,13 @@ def run(
             show_default=f"{DEFAULT.signals.min_green}, or the network's own",
         ),
     ] = None,
+    max_red: Annotated[
+        int,
+        typer.Option(
+            help="Seconds after which a red with a vehicle waiting ends, whatever the controller "
+            "says; fixed plans stay as they are. 0: no bound."
+        ),
+    ] = DEFAULT.signals.max_red,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="The run folder to write. Default: a new one in runs/")
@@ -126,6 +133,7 @@ def run(
             "yellow": DEFAULT.signals.yellow if yellow is None else yellow,
             "all_red": all_red,
             "min_green": DEFAULT.signals.min_green if min_green is None else min_green,
+            "max_red": max_red,
             "network_timing": yellow is None and min_green is None,
         },
         seed=seed,

@@ -12,6 +12,7 @@ from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
 from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
+from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
@@ -81,9 +82,12 @@ def make_controller(
     blind: str,
     diffusion: DiffusionSettings | None = None,
     q_weights: str = "auto",
+    max_red: int = 0,
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
+    Where it decides on values no slot with a vehicle is red for longer than ``max_red`` [s], if
+    that is not 0; fixed plans are left as they are.
     The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
     values at blind intersections come from. Raises ``UserError`` for names that
     are unknown and for weights that cannot be used.
@@ -97,11 +101,13 @@ def make_controller(
         raise UserError("blind", blind, nearest(blind, BLIND))
     check_imputer(imputer)
     if name == DIFFLIGHT:
-        return BLIND[blind](_difflight(diffusion or DiffusionSettings(), q_weights))
+        decides = _difflight(diffusion or DiffusionSettings(), q_weights)
+        return BLIND[blind](bounded(decides, max_red))
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)
     if not entry.needs_values:
         return entry.make()
-    return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
+    imputed = Imputed(make_imputer(imputer, diffusion), entry.make())
+    return BLIND[blind](bounded(imputed, max_red))
 
 
 def controller_of(settings: RunSettings) -> Controller:
@@ -112,7 +118,13 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.blind,
         settings.diffusion,
         settings.q_weights,
+        settings.signals.max_red,
     )
+
+
+def bounded(controller: Controller, max_red: int) -> Controller:
+    """The controller with a maximum red [s], or as it is where that is 0."""
+    return MaxRed(controller, max_red) if max_red else controller
 
 
 def make_policy(name: str) -> Controller:
