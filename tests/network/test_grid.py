@@ -1,14 +1,18 @@
 """Grids from specifications: the recorded networks, and grids of other shapes."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.shared import CITYFLOW, needs_shared
 from tsc_missing.errors import UserError
 from tsc_missing.network.cityflow import read_roadnet
-from tsc_missing.network.grid import GridSpec, build_grid, read_grid
+from tsc_missing.network.generating import read_removed
+from tsc_missing.network.grid import GridSpec, build_grid, grid_roads, is_inside, read_grid
 from tsc_missing.network.plain import Node
 from tsc_missing.network.slots import LEFT, RIGHT, STRAIGHT
 
@@ -138,3 +142,21 @@ def test_what_is_wrong_with_a_file_is_named(tmp_path, text, words):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(UserError, match=r"grid\.toml.*cannot be read"):
         read_grid(tmp_path / "grid.toml")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    rows=st.integers(1, 4),
+    columns=st.integers(1, 4),
+    share=st.floats(0, 0.9),
+    seed=st.integers(0, 2**31),
+)
+def test_roads_that_are_left_out_at_random_leave_no_dead_end(rows, columns, share, seed):
+    grid = spec(rows=rows, columns=columns)
+    removed = read_removed(grid, (), share, seed)
+    inner = [p for p in grid_roads(grid) if all(is_inside(grid, cell) for cell in p)]
+    assert set(removed) <= set(inner)
+    assert len(removed) <= round(share * len(inner))
+    left = grid_roads(grid.model_copy(update={"removed": removed}))
+    for cell in itertools.product(range(1, columns + 1), range(1, rows + 1)):
+        assert sum(cell in pair for pair in left) >= 2

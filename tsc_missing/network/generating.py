@@ -1,7 +1,7 @@
 """Grids with demand from a few numbers, as network folders."""
 
-import itertools
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +112,10 @@ def read_lanes(text: str, field: str) -> tuple[tuple[str, ...], ...]:
 def read_removed(
     spec: GridSpec, pairs: Sequence[str], share: float, seed: int
 ) -> tuple[tuple[Cell, Cell], ...]:
-    """Missing roads: those named as ``1,2-2,2`` (column,row), and a share of the inner ones."""
+    """Missing roads: those named as ``1,2-2,2`` (column,row), and a share of the inner ones.
+
+    Of the drawn ones none leaves an intersection with fewer than two roads, so they may be fewer.
+    """
     there = grid_roads(spec)
     removed = []
     for text in pairs:
@@ -125,7 +128,11 @@ def read_removed(
             )
         removed.append(pair)
     inner = [p for p in there if p not in removed and all(is_inside(spec, cell) for cell in p)]
-    count = round(share * len(inner))
-    drawn = stream(seed, "roads").choice(len(inner), count, replace=False) if count else ()
-    removed += [inner[k] for k in sorted(drawn)]
-    return tuple(dict.fromkeys(itertools.chain(removed)))
+    arms = Counter(cell for pair in there if pair not in removed for cell in pair)
+    left = round(share * len(inner))
+    for k in stream(seed, "roads").permutation(len(inner)):
+        if left and all(arms[cell] > 2 for cell in inner[k]):
+            removed.append(inner[k])
+            arms.subtract(inner[k])
+            left -= 1
+    return tuple(dict.fromkeys(removed))
