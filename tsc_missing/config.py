@@ -6,6 +6,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tsc_missing.network.records import IntersectionRecord
 
+SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
+
 
 class Settings(BaseModel):
     """A frozen group of settings that refuses unknown names."""
@@ -125,7 +127,13 @@ class RunSettings(Settings):
     sensor: SensorSettings = SensorSettings()
     vehicle: VehicleType = VehicleType()
     horizon: int = Field(3600, gt=0)  # [s]
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=SEEDS)
+    mask_seed: int | None = Field(None, ge=0, lt=SEEDS)  # of the mask alone; None: seed
+
+    @property
+    def seed_of_mask(self) -> int:
+        """What the mask is drawn from."""
+        return self.seed if self.mask_seed is None else self.mask_seed
 
     @property
     def steps(self) -> int:

@@ -1,9 +1,12 @@
 """Made-up datasets of grids, without a simulator."""
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from tsc_missing.config import MissingSettings
 from tsc_missing.files import sha256
 from tsc_missing.network.model import Network
 from tsc_missing.offline.dataset import (
@@ -21,16 +24,31 @@ from tsc_missing.offline.dataset import (
 )
 from tsc_missing.offline.log import EpisodeLog, red_steps_of, write_log
 from tsc_missing.offline.plan import CollectSettings, draw_spec
+from tsc_missing.sensing.patterns import draw_mask
 
 NOTHING = Statistics(cells=1, mean_vehicles=0, max_vehicles=0, mean_queue=0, max_queue=0)
 
 
-def made_up_log(network: Network, steps: int, seed: int, holes: float = 0.0) -> EpisodeLog:
-    """Random counts; where there is a hole, zeros."""
+Change = Callable[[EpisodeLog], EpisodeLog]
+
+
+def made_up_log(
+    network: Network,
+    steps: int,
+    seed: int,
+    holes: float = 0.0,
+    missing: MissingSettings | None = None,
+) -> EpisodeLog:
+    """Random counts; where there is a hole, zeros.
+
+    Holes are single slots with probability ``holes``, or of the pattern ``missing``.
+    """
     rng = np.random.default_rng(seed)
     shape = (steps, network.n, 12)
     phase = rng.integers(0, network.phase_mask.sum(axis=1), size=shape[:2])
     mask = (rng.random(shape) >= holes) | ~network.slot_mask if holes else None
+    if missing is not None:
+        mask = draw_mask(missing, network, steps, 0 if missing.pattern == "kriging" else seed)
     values = rng.integers(0, 40, (*shape, 2)) * network.slot_mask[..., None]
     if mask is not None:
         values = np.where(mask[..., None], values, 0)
@@ -38,10 +56,22 @@ def made_up_log(network: Network, steps: int, seed: int, holes: float = 0.0) -> 
 
 
 def made_up_dataset(
-    path, networks: dict[str, Network], episodes: int = 5, steps: int = 30, holes: float = 0.0
+    path,
+    networks: dict[str, Network],
+    episodes: int = 5,
+    steps: int = 30,
+    holes: float = 0.0,
+    missing: MissingSettings | None = None,
+    unaware: float = 0.6,
+    change: Change = lambda log: log,
 ) -> Dataset:
     """Episodes of the networks in turn; each one step longer than the one before."""
-    settings = CollectSettings(nets=tuple(networks), episodes=episodes)
+    settings = CollectSettings(
+        nets=tuple(networks),
+        episodes=episodes,
+        missing=missing or MissingSettings(),
+        unaware=unaware,
+    )
     start_dataset(path, settings)
     sources, entries = {}, []
     for name, network in networks.items():
@@ -54,7 +84,7 @@ def made_up_dataset(
         spec = draw_spec(settings, number)
         network = networks[spec.net]
         file = path / EPISODES / spec.file
-        write_log(file, made_up_log(network, steps + number, number, holes), {})
+        write_log(file, change(made_up_log(network, steps + number, number, holes, missing)), {})
         entries.append(
             EpisodeEntry(
                 spec=spec,
@@ -66,7 +96,7 @@ def made_up_dataset(
             )
         )
     manifest = DatasetManifest(
-        complete=not holes,
+        complete=not holes and missing is None,
         settings=settings,
         sources=sources,
         statistics=NOTHING,
@@ -76,3 +106,9 @@ def made_up_dataset(
     )
     write_json(path / MANIFEST, manifest)
     return read_dataset(path)
+
+
+def poison(log: EpisodeLog, value: float) -> EpisodeLog:
+    """The same log with a value in the place of what it does not have."""
+    values = np.where(log.recorded[..., None], log.values, np.float32(value))
+    return replace(log, values=values)

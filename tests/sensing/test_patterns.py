@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from tests.networks import grid_network, tee_network
 from tsc_missing.config import MissingSettings
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.sensing.masks import missing_share
 from tsc_missing.sensing.patterns import PATTERNS, draw_mask
 
@@ -118,6 +119,23 @@ def test_kriging_sets_of_a_seed_are_nested(seed):
     sets = [blind(k / GRID.n, seed=seed) for k in range(GREEDY + 1)]
     assert [len(nodes) for nodes in sets] == list(range(GREEDY + 1))
     assert all(small < large for small, large in pairwise(sets))
+
+
+PAPER_KRIGING = {  # the paper's numbers of blind intersections
+    "hangzhou_1": range(1, 5),
+    "jinan_1": range(1, 4),
+    "newyork_1": (3, 6, 9, 12),
+}
+
+
+@pytest.mark.parametrize("net", PAPER_KRIGING)
+def test_kriging_sets_of_the_papers_rates_are_nested(net):
+    network = find_scenario(net, "profile").folder.network
+    for seed in range(30):
+        sets = [blind(round(k / network.n, 4), network, seed) for k in PAPER_KRIGING[net]]
+        assert [len(nodes) for nodes in sets] == list(PAPER_KRIGING[net])
+        assert all(small < large for small, large in pairwise(sets))
+        assert adjacent_pairs(sets[-1], network) == 0
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -85,6 +85,6 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
             scenario.demand(settings)
         mask = (*where, settings.missing)
         if mask not in seen:
-            draw_mask(settings.missing, scenario.folder.network, 1, settings.seed)
+            draw_mask(settings.missing, scenario.folder.network, 1, settings.seed_of_mask)
         seen |= {demand, mask}
     return found

@@ -68,6 +68,9 @@ def run(
     ] = DEFAULT.missing.mean_outage,
     mask: Annotated[Path | None, typer.Option(help="Replay the mask.npz of another run.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
+    mask_seed: Annotated[
+        int | None, typer.Option(help="Seed of the mask alone.", show_default="that of --seed")
+    ] = None,
     horizon: Annotated[int, typer.Option(help="Simulated seconds.")] = DEFAULT.horizon,
     sensor: Annotated[
         str, typer.Option(help="lane: the whole lane; area: its last metres.")
@@ -137,6 +140,7 @@ def run(
             "network_timing": yellow is None and min_green is None,
         },
         seed=seed,
+        mask_seed=mask_seed,
         horizon=horizon,
     )
     folder = out if out is not None else _free_folder(settings)

@@ -116,8 +116,8 @@ def _mask(
         return load_mask(mask_file, network), f"mask {mask_file.name}"
     if settings.missing.pattern == "none":
         return None, ""
-    mask = draw_mask(settings.missing, network, settings.steps, settings.seed)
-    return mask, f"{missing_words(settings.missing)}, seed {settings.seed}"
+    mask = draw_mask(settings.missing, network, settings.steps, settings.seed_of_mask)
+    return mask, f"{missing_words(settings.missing)}, seed {settings.seed_of_mask}"
 
 
 def missing_words(missing: MissingSettings) -> str:

@@ -77,7 +77,7 @@ def _mask(settings: RunSettings, options: Options, scenario: Scenario) -> BoolAr
     network = scenario.folder.network
     if options.mask_file is not None:
         return load_mask(options.mask_file, network, settings.steps)
-    return draw_mask(settings.missing, network, settings.steps, settings.seed)
+    return draw_mask(settings.missing, network, settings.steps, settings.seed_of_mask)
 
 
 def execute(prepared: Prepared, watch: Watch | None = None) -> Result:

@@ -5,7 +5,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from tsc_missing.config import MissingSettings, RunSettings, Settings
+from tsc_missing.config import SEEDS, MissingSettings, RunSettings, Settings
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.offline.policies import POLICIES, RULES
 from tsc_missing.seeding import stream
@@ -26,7 +26,7 @@ class CollectSettings(Settings):
     missing: MissingSettings = MissingSettings()  # holes of the log; policies see everything
     horizon: int = Field(3600, gt=0)  # [s] of an episode
     episodes: int = Field(60, ge=1)
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=SEEDS)
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:
@@ -78,8 +78,9 @@ class EpisodeSpec(Settings):
 def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
     """Episode ``number`` of a collection.
 
-    The blind intersections of kriging masks are the same in every episode; all else is drawn
-    anew for each.
+    The blind intersections of kriging masks are the same in every episode, and those of runs
+    with the collection's seed as mask seed. All else is drawn anew for each episode; other masks
+    have seeds that no run can have.
     """
     rng = stream(settings.seed, f"episode-{number}")
     volume = _uniform(rng, settings.volume_min, settings.volume_max)
@@ -89,7 +90,9 @@ def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
     steps = RunSettings(horizon=settings.horizon).steps
     seed, mask_seed = (int(rng.integers(2**31)) for _ in range(2))
     if settings.missing.pattern == "kriging":
-        mask_seed = int(stream(settings.seed, "blind-set").integers(2**31))
+        mask_seed = settings.seed
+    elif settings.missing.pattern != "none":
+        mask_seed += SEEDS
     return EpisodeSpec(
         number=number,
         net=settings.nets[number % len(settings.nets)],
