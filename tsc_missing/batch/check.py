@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import NATIVE, controller_of
+from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.sensing.patterns import draw_mask
@@ -30,6 +30,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             settings.blind,
             settings.diffusion,
             settings.q_weights,
+            weights_of(settings),
         )
         if key not in problems:
             problems[key] = _problem(run)

@@ -2,7 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+from tsc_missing.baselines.config import SETTINGS as BASELINES
+from tsc_missing.baselines.config import train_command
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
@@ -16,8 +19,9 @@ from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import DIFFUSION, check_imputer, make_imputer
+from tsc_missing.network.folder import canonical
 from tsc_missing.simulation.native import AS_BUILT, KINDS
-from tsc_missing.weights.find import find_weights
+from tsc_missing.weights.find import FIELD, find_weights, packaged_weights
 
 NATIVE = (*KINDS, AS_BUILT)  # SUMO's own programs: names for comparisons, not controllers
 
@@ -64,10 +68,28 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
         value = (VALUE if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
         return (settings.diffusion.weights, *(value if by_value else ()))
-    found = (name if q_weights == "auto" else q_weights,) if name in LEARNED else ()
-    fills = name in LEARNED or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
+    found = (_policy_weights(settings),) if name in (*LEARNED, *BASELINES) else ()
+    fills = bool(found) or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
     imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
     return (*found, *imputer)
+
+
+def _policy_weights(settings: RunSettings) -> str:
+    """The name or path of the weights of a run's learned policy.
+
+    Weights of Q-networks are for any network and called as the controller; those of baselines are
+    for one network each and called ``<controller>-<network>``.
+    """
+    if settings.q_weights != "auto":
+        return settings.q_weights
+    if settings.controller in BASELINES:
+        return baseline_weights(settings.controller, settings.net)
+    return settings.controller
+
+
+def baseline_weights(controller: str, net: str) -> str:
+    """The name of a baseline's packaged weights for a network given by its name or folder."""
+    return f"{controller}-{Path(canonical(net)).resolve().name}"
 
 
 def uses_weights(settings: RunSettings) -> bool:
@@ -81,15 +103,17 @@ def make_controller(
     blind: str,
     diffusion: DiffusionSettings | None = None,
     q_weights: str = "auto",
+    net: str = "",
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
     The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
-    values at blind intersections come from. Raises ``UserError`` for names that
-    are unknown and for weights that cannot be used.
+    values at blind intersections come from. ``q_weights`` are those of a learned policy, a name
+    or a path; "auto" are packaged ones, of baselines those for the network ``net``. Raises
+    ``UserError`` for names that are unknown and for weights that cannot be used.
     """
-    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED):
-        known = [*CONTROLLERS, *LEARNED, DIFFLIGHT, *NATIVE]
+    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED, *BASELINES):
+        known = [*CONTROLLERS, *LEARNED, *BASELINES, DIFFLIGHT, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
         blind = "none" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
@@ -98,7 +122,10 @@ def make_controller(
     check_imputer(imputer)
     if name == DIFFLIGHT:
         return BLIND[blind](_difflight(diffusion or DiffusionSettings(), q_weights))
-    entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)
+    make = CONTROLLERS.get(name)
+    if name in BASELINES:
+        make = Entry(lambda: _baseline(name, q_weights, net), needs_values=True)
+    entry = make or Entry(lambda: _learned(name, q_weights), needs_values=True)
     if not entry.needs_values:
         return entry.make()
     return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
@@ -112,6 +139,7 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.blind,
         settings.diffusion,
         settings.q_weights,
+        settings.net,
     )
 
 
@@ -142,3 +170,21 @@ def _learned(name: str, q_weights: str) -> Controller:
     if manifest["algorithm"] != name:
         raise UserError("q_weights", path, f"they are of {manifest['algorithm']}, not of {name}")
     return QPolicy(network, name)
+
+
+def _baseline(name: str, q_weights: str, net: str) -> Controller:
+    """A baseline's policy; imports torch."""
+    from tsc_missing.baselines.controller import make_baseline
+
+    if q_weights != "auto":
+        return make_baseline(name, find_weights(q_weights))
+    wanted = baseline_weights(name, net)
+    if wanted not in packaged_weights():
+        command = train_command(name, wanted.removeprefix(f"{name}-"))
+        raise UserError(
+            FIELD,
+            wanted,
+            f"`{command}` makes them, --policy-weights runs/train-{wanted} uses them",
+            verdict="are not in the package",
+        )
+    return make_baseline(name, find_weights(wanted))
