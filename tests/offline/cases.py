@@ -1,6 +1,7 @@
 """Made-up datasets of grids, without a simulator."""
 
 import json
+from collections.abc import Callable
 
 import numpy as np
 
@@ -38,7 +39,12 @@ def made_up_log(network: Network, steps: int, seed: int, holes: float = 0.0) -> 
 
 
 def made_up_dataset(
-    path, networks: dict[str, Network], episodes: int = 5, steps: int = 30, holes: float = 0.0
+    path,
+    networks: dict[str, Network],
+    episodes: int = 5,
+    steps: int = 30,
+    holes: float = 0.0,
+    make_log: Callable[[Network, int, int, float], EpisodeLog] = made_up_log,
 ) -> Dataset:
     """Episodes of the networks in turn; each one step longer than the one before."""
     settings = CollectSettings(nets=tuple(networks), episodes=episodes)
@@ -54,7 +60,7 @@ def made_up_dataset(
         spec = draw_spec(settings, number)
         network = networks[spec.net]
         file = path / EPISODES / spec.file
-        write_log(file, made_up_log(network, steps + number, number, holes), {})
+        write_log(file, make_log(network, steps + number, number, holes), {})
         entries.append(
             EpisodeEntry(
                 spec=spec,

@@ -98,6 +98,11 @@ def follow(slow: nn.Module, fast: nn.Module, rate: float) -> None:
             s.lerp_(f, rate)
 
 
+def of_phase(scores: Tensor, phase: Tensor) -> Tensor:
+    """(B, N): of the scores (B, N, P) those of the phases (B, N)."""
+    return scores.gather(-1, phase.unsqueeze(-1)).squeeze(-1)
+
+
 def accuracy(scores: Tensor, phase: Tensor) -> float:
     """The share of phases (B, N) that the scores (B, N, P) are highest for."""
     return (scores.argmax(dim=-1) == phase).float().mean().item()

@@ -37,8 +37,38 @@ class BCSettings(BaselineSettings):
     algorithm: Literal["bc"]
 
 
+class CQLSettings(BaselineSettings):
+    """Conservative Q-learning."""
+
+    algorithm: Literal["cql"]
+    alpha: float = Field(0.1, ge=0, allow_inf_nan=False)  # of the conservative term
+    discount: float = Field(0.8, ge=0, lt=1)  # of the next step
+    target_rate: float = Field(0.005, gt=0, le=1)  # of the moving average that gives targets
+
+
+class TD3BCSettings(BaselineSettings):
+    """TD3+BC for phases."""
+
+    algorithm: Literal["td3-bc"]
+    alpha: float = Field(2.5, ge=0, allow_inf_nan=False)  # of the values, against cloning
+    smoothing: float = Field(0.1, ge=0, le=1)  # share of uniform phases in the target policy
+    policy_delay: int = Field(2, ge=1)  # updates of the critics for one of the actor
+    discount: float = Field(0.8, ge=0, lt=1)  # of the next step
+    target_rate: float = Field(0.005, gt=0, le=1)  # of the moving averages
+
+
+class CQLModelBasedSettings(CQLSettings):
+    """Conservative Q-learning on logs with holes."""
+
+    algorithm: Literal["cql-model-based"]  # type: ignore[assignment]
+    reward_steps: int = Field(2000, ge=1)  # updates of the reward model, before those of the values
+
+
 SETTINGS: dict[str, type[BaselineSettings]] = {
     "bc": BCSettings,
+    "cql": CQLSettings,
+    "cql-model-based": CQLModelBasedSettings,
+    "td3-bc": TD3BCSettings,
 }
 """The baselines by name, which is the controller's and the bundled config's too."""
 

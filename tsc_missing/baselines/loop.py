@@ -4,6 +4,7 @@ All that is random at a step depends on the seed and the step's number.
 """
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -66,6 +67,13 @@ class BaselineTraining:
         self._logs, self._held_out = read_logs(
             dataset, settings, self.learner.length, self.learner.padded
         )
+        if self.learner.takes_holes and not self._logs.rewards:
+            raise UserError(
+                "data",
+                dataset.path,
+                "no intersection reported all its slots at two successive steps, so there is no "
+                "reward to learn from",
+            )
 
     def run(self, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False) -> Path:
         """Train to the last step and write the weights; returns their file.
@@ -91,15 +99,12 @@ class BaselineTraining:
         """What the learner tells of the episodes that it does not learn from."""
         noise = int(stream(self.settings.seed, "held-out").integers(2**63))
         generator = torch.Generator().manual_seed(noise)
-        sums: dict[str, float] = {}
-        samples = 0
+        parts: list[tuple[int, dict[str, float]]] = []
         self.learner.eval()
         with torch.inference_mode():
             for batch in self._held_out.spread():
-                for name, value in self.learner.held_out(batch, generator).items():
-                    sums[name] = sums.get(name, 0.0) + value * batch.samples
-                samples += batch.samples
-        return {name: total / samples for name, total in sums.items()}
+                parts.append((batch.samples, self.learner.held_out(batch, generator)))
+        return {name: _mean([(n, found[name]) for n, found in parts]) for name in parts[0][1]}
 
     def train_step(self) -> dict[str, float]:
         """One update; what the learner logs of it. Raises ``DivergedError``."""
@@ -151,10 +156,7 @@ class BaselineTraining:
             yield log
 
     def _row(self, since: list[dict[str, float]], wall: float) -> dict[str, float]:
-        means = {}
-        for name in since[0]:
-            numbers = torch.tensor([logged[name] for logged in since])
-            means[name] = numbers.nanmean().item()
+        means = {name: _mean([(1, logged[name]) for logged in since]) for name in since[0]}
         held = {f"held_out_{name}": value for name, value in self.held_out().items()}
         rate = learning_rate(self.settings, self.step - 1)
         return {"step": self.step, "wall_s": wall, **means, **held, "learning_rate": rate}
@@ -201,3 +203,10 @@ class BaselineTraining:
         }
         save_policy(self.learner.policy, self.settings, path, about)
         return path
+
+
+def _mean(parts: list[tuple[int, float]]) -> float:
+    """The mean of numbers with weights, those that are NaN left out; NaN where all are."""
+    there = [(weight, value) for weight, value in parts if not math.isnan(value)]
+    total = sum(weight for weight, _ in there)
+    return sum(weight * value for weight, value in there) / total if there else math.nan

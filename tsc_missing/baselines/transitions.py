@@ -100,6 +100,14 @@ class Logs:
         count = math.ceil(samples / rows.phase.shape[1])
         return self._steps(rows, rows.ends[rng.integers(len(rows.ends), size=count)])
 
+    @property
+    def rewards(self) -> int:
+        """Steps of an intersection whose beginning and end were observed in full."""
+        return sum(
+            int((rows.known[:-1] & rows.known[1:])[rows.position[1:] > 0].sum())
+            for rows in self._rows
+        )
+
     def spread(self, most: int = HELD_OUT, part: int = PART) -> Iterator[Steps]:
         """Stretches evenly spread over all episodes, about ``most`` samples, in parts."""
         for rows, share in zip(self._rows, self._shares, strict=True):

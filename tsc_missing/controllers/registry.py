@@ -68,28 +68,28 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
         value = (VALUE if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
         return (settings.diffusion.weights, *(value if by_value else ()))
-    found = (_policy_weights(settings),) if name in (*LEARNED, *BASELINES) else ()
+    learned = name in (*LEARNED, *BASELINES)
+    found = (policy_weights(name, q_weights, settings.net),) if learned else ()
     fills = bool(found) or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
     imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
     return (*found, *imputer)
 
 
-def _policy_weights(settings: RunSettings) -> str:
-    """The name or path of the weights of a run's learned policy.
+def policy_weights(controller: str, q_weights: str, net: str) -> str:
+    """The name or path of the weights of a learned policy on a network.
 
-    Weights of Q-networks are for any network and called as the controller; those of baselines are
-    for one network each and called ``<controller>-<network>``.
+    Packaged weights of Q-networks are for any network and called as the controller; those of
+    baselines are for one network each and called ``<controller>-<network>``. In a name or path of
+    one's own ``{net}`` stands for the network.
     """
-    if settings.q_weights != "auto":
-        return settings.q_weights
-    if settings.controller in BASELINES:
-        return baseline_weights(settings.controller, settings.net)
-    return settings.controller
+    if q_weights != "auto":
+        return q_weights.replace("{net}", network_name(net))
+    return f"{controller}-{network_name(net)}" if controller in BASELINES else controller
 
 
-def baseline_weights(controller: str, net: str) -> str:
-    """The name of a baseline's packaged weights for a network given by its name or folder."""
-    return f"{controller}-{Path(canonical(net)).resolve().name}"
+def network_name(net: str) -> str:
+    """The name of a network given by its name or its folder."""
+    return Path(canonical(net)).resolve().name
 
 
 def uses_weights(settings: RunSettings) -> bool:
@@ -122,10 +122,7 @@ def make_controller(
     check_imputer(imputer)
     if name == DIFFLIGHT:
         return BLIND[blind](_difflight(diffusion or DiffusionSettings(), q_weights))
-    make = CONTROLLERS.get(name)
-    if name in BASELINES:
-        make = Entry(lambda: _baseline(name, q_weights, net), needs_values=True)
-    entry = make or Entry(lambda: _learned(name, q_weights), needs_values=True)
+    entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights, net), True)
     if not entry.needs_values:
         return entry.make()
     return BLIND[blind](Imputed(make_imputer(imputer, diffusion), entry.make()))
@@ -146,7 +143,7 @@ def controller_of(settings: RunSettings) -> Controller:
 def make_policy(name: str) -> Controller:
     """The controller ``name`` for complete observations; the learned ones have packaged weights."""
     if name in LEARNED or name == VALUE:
-        return _learned(name, "auto")
+        return _learned(name, "auto", "")
     return CONTROLLERS[name].make()
 
 
@@ -160,31 +157,21 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
     )
 
 
-def _learned(name: str, q_weights: str) -> Controller:
-    """A Q-network as a controller of its own; imports torch."""
-    from tsc_missing.qlearning.controller import QPolicy
-    from tsc_missing.qlearning.weights import load_q_network
+def _learned(name: str, q_weights: str, net: str) -> Controller:
+    """A Q-network or a baseline as a controller of its own; imports torch."""
+    weights = policy_weights(name, q_weights, net)
+    if name not in BASELINES:
+        from tsc_missing.qlearning.controller import make_q_policy
 
-    path = find_weights(name if q_weights == "auto" else q_weights)
-    network, manifest = load_q_network(path)
-    if manifest["algorithm"] != name:
-        raise UserError("q_weights", path, f"they are of {manifest['algorithm']}, not of {name}")
-    return QPolicy(network, name)
-
-
-def _baseline(name: str, q_weights: str, net: str) -> Controller:
-    """A baseline's policy; imports torch."""
+        return make_q_policy(name, find_weights(weights))
     from tsc_missing.baselines.controller import make_baseline
 
-    if q_weights != "auto":
-        return make_baseline(name, find_weights(q_weights))
-    wanted = baseline_weights(name, net)
-    if wanted not in packaged_weights():
-        command = train_command(name, wanted.removeprefix(f"{name}-"))
+    if q_weights == "auto" and weights not in packaged_weights():
         raise UserError(
             FIELD,
-            wanted,
-            f"`{command}` makes them, --policy-weights runs/train-{wanted} uses them",
+            weights,
+            f"`{train_command(name, network_name(net))}` makes them, and "
+            f"--policy-weights runs/train-{weights} uses them",
             verdict="are not in the package",
         )
-    return make_baseline(name, find_weights(wanted))
+    return make_baseline(name, find_weights(weights))
