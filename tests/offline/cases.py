@@ -64,6 +64,7 @@ def made_up_dataset(
     missing: MissingSettings | None = None,
     unaware: float = 0.6,
     change: Change = lambda log: log,
+    make_log: Callable[..., EpisodeLog] = made_up_log,
 ) -> Dataset:
     """Episodes of the networks in turn; each one step longer than the one before."""
     settings = CollectSettings(
@@ -84,7 +85,9 @@ def made_up_dataset(
         spec = draw_spec(settings, number)
         network = networks[spec.net]
         file = path / EPISODES / spec.file
-        write_log(file, change(made_up_log(network, steps + number, number, holes, missing)), {})
+        pattern = {} if missing is None else {"missing": missing}
+        log = change(make_log(network, steps + number, number, holes, **pattern))
+        write_log(file, log, {})
         entries.append(
             EpisodeEntry(
                 spec=spec,

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 
+from tsc_missing.baselines.config import SETTINGS as BASELINES
+from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import NATIVE, controller_of
+from tsc_missing.controllers.registry import NATIVE, controller_of, network_name, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.sensing.patterns import draw_mask
@@ -16,6 +18,7 @@ METHODS = "methods"
 def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...], dict[str, str]]:
     """The runs whose weights are there, and the methods without any with what makes them.
 
+    Baselines have weights for one network each, so a method of these is named with its network.
     Unless they are to be skipped, ``UserError`` names those methods and the commands that make
     their weights.
     """
@@ -30,6 +33,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             settings.blind,
             settings.diffusion,
             settings.q_weights,
+            weights_of(settings),
         )
         if key not in problems:
             problems[key] = _problem(run)
@@ -37,7 +41,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         if problem is None:
             there.append(run)
         elif problem.field == WEIGHTS or (problem.field == "controller" and run.train):
-            lacking[run.method] = run.train or COMMAND
+            lacking |= _lacks(run)
         else:
             raise UserError(f"method {run.method}, {problem.field}", problem.value, problem.allowed)
     if lacking and not skip:
@@ -48,6 +52,15 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             verdict="have no weights here",
         )
     return tuple(there), lacking
+
+
+def _lacks(run: RunSpec) -> dict[str, str]:
+    """The method of a run without weights, and the command that makes these."""
+    settings = run.settings
+    if settings.controller in BASELINES and settings.q_weights == "auto":
+        net = network_name(settings.net)
+        return {f"{run.method} on {net}": train_command(settings.controller, net)}
+    return {run.method: run.train or COMMAND}
 
 
 def lacking_words(lacking: dict[str, str]) -> str:

@@ -52,7 +52,11 @@ def run(
     ] = DEFAULT.diffusion.scoring,
     q_weights: Annotated[
         str,
-        typer.Option(help="attendlight, …-colight, scoring value: weights, a name or a path."),
+        typer.Option(
+            "--policy-weights",
+            "--q-weights",
+            help="attendlight, …-colight, bc, cql, …, scoring value: weights, a name or a path.",
+        ),
     ] = DEFAULT.q_weights,
     missing: Annotated[
         str, typer.Option(help="none, random, kriging, lane, burst or mixed.")

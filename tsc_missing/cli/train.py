@@ -14,17 +14,20 @@ from tsc_missing.errors import UserError, nearest
 from tsc_missing.paths import bundled_trainings
 
 if TYPE_CHECKING:  # torch takes seconds
+    from tsc_missing.baselines.config import BaselineSettings
     from tsc_missing.qlearning.config import QLearningSettings
     from tsc_missing.training.config import TrainingSettings
 
-app = make_app("Train the diffusion controller on logs, or a Q-network in the closed loop.")
+app = make_app(
+    "Train the diffusion controller or a baseline on logs, or a Q-network in the closed loop."
+)
 
 
 @app.command()
 def train(
     config: Annotated[
         str | None,
-        typer.Argument(help="A TOML file, or a bundled one by its name: universal, value, …"),
+        typer.Argument(help="A TOML file, or a bundled one by its name: universal, value, bc, …"),
     ] = None,
     algorithm: Annotated[
         str | None, typer.Option(help="The bundled config of this name, instead of CONFIG.")
@@ -34,13 +37,16 @@ def train(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="The training's folder. Default: runs/train-<name of the config>."),
+        typer.Option(
+            help="The training's folder. Default: runs/train-<name of the config>, for a baseline "
+            "runs/train-<name of the config>-<name of the data>."
+        ),
     ] = None,
     data: Annotated[
         Path | None, typer.Option(help="The dataset's folder, instead of the config's.")
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(help="Diffusion: steps, instead of the config's.")
+        int | None, typer.Option(help="Diffusion, baselines: steps, instead of the config's.")
     ] = None,
     rounds: Annotated[
         int | None, typer.Option(help="Q-learning: rounds, instead of the config's.")
@@ -48,16 +54,25 @@ def train(
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the config's.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Q-learning: simulations at a time.")] = 2,
 ) -> None:
-    """Train the diffusion controller or a Q-network; Ctrl-C saves, and --resume goes on."""
+    """Train the diffusion controller, a baseline or a Q-network.
+
+    Ctrl-C saves, and --resume goes on.
+    """
+    from tsc_missing.baselines.config import BaselineSettings
     from tsc_missing.qlearning.config import QLearningSettings
     from tsc_missing.training.config import find_config, read_training
 
     name = _config(config, algorithm)
-    folder = out if out is not None else Path("runs") / f"train-{find_config(name).stem}"
     changes = {"data": data, "steps": steps, "rounds": rounds, "seed": seed}
     settings = read_training(name, **{k: v for k, v in changes.items() if v is not None})
+    parts = ["train", find_config(name).stem]
+    if isinstance(settings, BaselineSettings):
+        parts.append(settings.data.resolve().name)
+    folder = out if out is not None else Path("runs", "-".join(parts))
     if isinstance(settings, QLearningSettings):
         print(_learn(settings, folder, resume, workers))
+    elif isinstance(settings, BaselineSettings):
+        print(_imitate(settings, folder, resume))
     else:
         print(_fit(settings, folder, resume))
 
@@ -77,20 +92,48 @@ def _fit(settings: "TrainingSettings", folder: Path, resume: bool) -> Path:
     """Train the diffusion model."""
     from tsc_missing.diffusion.memory import keep_freed_memory
     from tsc_missing.offline.dataset import read_dataset
-    from tsc_missing.training.loop import DivergedError, StoppedError, Training
+    from tsc_missing.training.loop import Training
 
     keep_freed_memory()
     training = Training(settings, read_dataset(settings.data), folder, resume)
+    with _ending(folder), _progress(settings.steps, training.step, "step") as (show, stop):
+        return training.run(
+            lambda now: show(
+                now.step,
+                f"loss {now.loss:.4f}, phases {now.inverse_accuracy:.0%}, "
+                f"{now.windows_per_second:.0f} windows/s",
+            ),
+            stop,
+        )
+
+
+def _imitate(settings: "BaselineSettings", folder: Path, resume: bool) -> Path:
+    """Train a baseline."""
+    import torch
+
+    from tsc_missing.baselines.loop import BaselineTraining
+    from tsc_missing.diffusion.memory import keep_freed_memory
+    from tsc_missing.offline.dataset import read_dataset
+
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    training = BaselineTraining(settings, read_dataset(settings.data), folder, resume)
+    with _ending(folder), _progress(settings.steps, training.step, "step") as (show, stop):
+        return training.run(
+            lambda now: show(
+                now.step, ", ".join(f"{name} {value:.3g}" for name, value in now.logged.items())
+            ),
+            stop,
+        )
+
+
+@contextmanager
+def _ending(folder: Path) -> Iterator[None]:
+    """What a training that stops early or diverges says, and with which status it ends."""
+    from tsc_missing.training.loop import DivergedError, StoppedError
+
     try:
-        with _progress(settings.steps, training.step, "step") as (show, stop):
-            return training.run(
-                lambda now: show(
-                    now.step,
-                    f"loss {now.loss:.4f}, phases {now.inverse_accuracy:.0%}, "
-                    f"{now.windows_per_second:.0f} windows/s",
-                ),
-                stop,
-            )
+        yield
     except StoppedError as stopped:
         _interrupted(f"step {stopped.step}", folder)
     except DivergedError as error:

@@ -2,7 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+from tsc_missing.baselines.config import SETTINGS as BASELINES
+from tsc_missing.baselines.config import train_command
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
@@ -17,8 +20,9 @@ from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import DIFFUSION, check_imputer, make_imputer
+from tsc_missing.network.folder import canonical
 from tsc_missing.simulation.native import AS_BUILT, KINDS
-from tsc_missing.weights.find import find_weights
+from tsc_missing.weights.find import FIELD, find_weights, packaged_weights
 
 NATIVE = (*KINDS, AS_BUILT)  # SUMO's own programs: names for comparisons, not controllers
 
@@ -65,10 +69,28 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
         value = (VALUE if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
         return (settings.diffusion.weights, *(value if by_value else ()))
-    found = (name if q_weights == "auto" else q_weights,) if name in LEARNED else ()
-    fills = name in LEARNED or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
+    learned = name in (*LEARNED, *BASELINES)
+    found = (policy_weights(name, q_weights, settings.net),) if learned else ()
+    fills = bool(found) or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
     imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
     return (*found, *imputer)
+
+
+def policy_weights(controller: str, q_weights: str, net: str) -> str:
+    """The name or path of the weights of a learned policy on a network.
+
+    Packaged weights of Q-networks are for any network and called as the controller; those of
+    baselines are for one network each and called ``<controller>-<network>``. In a name or path of
+    one's own ``{net}`` stands for the network.
+    """
+    if q_weights != "auto":
+        return q_weights.replace("{net}", network_name(net))
+    return f"{controller}-{network_name(net)}" if controller in BASELINES else controller
+
+
+def network_name(net: str) -> str:
+    """The name of a network given by its name or its folder."""
+    return Path(canonical(net)).resolve().name
 
 
 def uses_weights(settings: RunSettings) -> bool:
@@ -83,17 +105,19 @@ def make_controller(
     diffusion: DiffusionSettings | None = None,
     q_weights: str = "auto",
     max_red: int = 0,
+    net: str = "",
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
     Where it decides on values no slot with a vehicle is red for longer than ``max_red`` [s], if
     that is not 0; fixed plans are left as they are.
     The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
-    values at blind intersections come from. Raises ``UserError`` for names that
-    are unknown and for weights that cannot be used.
+    values at blind intersections come from. ``q_weights`` are those of a learned policy, a name
+    or a path; "auto" are packaged ones, of baselines those for the network ``net``. Raises
+    ``UserError`` for names that are unknown and for weights that cannot be used.
     """
-    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED):
-        known = [*CONTROLLERS, *LEARNED, DIFFLIGHT, *NATIVE]
+    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED, *BASELINES):
+        known = [*CONTROLLERS, *LEARNED, *BASELINES, DIFFLIGHT, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
         blind = "none" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
@@ -103,7 +127,7 @@ def make_controller(
     if name == DIFFLIGHT:
         decides = _difflight(diffusion or DiffusionSettings(), q_weights)
         return BLIND[blind](bounded(decides, max_red))
-    entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights), needs_values=True)
+    entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights, net), True)
     if not entry.needs_values:
         return entry.make()
     imputed = Imputed(make_imputer(imputer, diffusion), entry.make())
@@ -119,6 +143,7 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.diffusion,
         settings.q_weights,
         settings.signals.max_red,
+        settings.net,
     )
 
 
@@ -130,7 +155,7 @@ def bounded(controller: Controller, max_red: int) -> Controller:
 def make_policy(name: str) -> Controller:
     """The controller ``name`` for complete observations; the learned ones have packaged weights."""
     if name in LEARNED or name == VALUE:
-        return _learned(name, "auto")
+        return _learned(name, "auto", "")
     return CONTROLLERS[name].make()
 
 
@@ -144,13 +169,21 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
     )
 
 
-def _learned(name: str, q_weights: str) -> Controller:
-    """A Q-network as a controller of its own; imports torch."""
-    from tsc_missing.qlearning.controller import QPolicy
-    from tsc_missing.qlearning.weights import load_q_network
+def _learned(name: str, q_weights: str, net: str) -> Controller:
+    """A Q-network or a baseline as a controller of its own; imports torch."""
+    weights = policy_weights(name, q_weights, net)
+    if name not in BASELINES:
+        from tsc_missing.qlearning.controller import make_q_policy
 
-    path = find_weights(name if q_weights == "auto" else q_weights)
-    network, manifest = load_q_network(path)
-    if manifest["algorithm"] != name:
-        raise UserError("q_weights", path, f"they are of {manifest['algorithm']}, not of {name}")
-    return QPolicy(network, name)
+        return make_q_policy(name, find_weights(weights))
+    from tsc_missing.baselines.controller import make_baseline
+
+    if q_weights == "auto" and weights not in packaged_weights():
+        raise UserError(
+            FIELD,
+            weights,
+            f"`{train_command(name, network_name(net))}` makes them, and "
+            f"--policy-weights runs/train-{weights} uses them",
+            verdict="are not in the package",
+        )
+    return make_baseline(name, find_weights(weights))

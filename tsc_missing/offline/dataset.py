@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
@@ -88,6 +88,17 @@ class Dataset:
     def checksum(self) -> str:
         """SHA-256 of the manifest, which has those of all else."""
         return sha256(self.path / MANIFEST)
+
+    def about(self) -> dict[str, Any]:
+        """What the manifest of weights that were learned from it says of it (JSON values)."""
+        manifest = self.manifest
+        return {
+            "checksum": self.checksum,
+            "complete": manifest.complete,
+            "episodes": len(manifest.episodes),
+            "settings": manifest.settings.model_dump(mode="json"),
+            "sources": {net: source.checksums for net, source in manifest.sources.items()},
+        }
 
     @cached_property
     def networks(self) -> dict[str, Network]:

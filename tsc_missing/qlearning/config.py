@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 
+Algorithm = Literal["advanced-colight", "attendlight", "efficient-colight", "value"]
 Reward = Literal["vehicles", "departures"]
 """What a step is worth (``qlearning.rewards``).
 
@@ -18,7 +19,7 @@ Reward = Literal["vehicles", "departures"]
 class QLearningSettings(Settings):
     """Everything that the weights depend on."""
 
-    algorithm: Literal["advanced-colight", "attendlight", "efficient-colight", "value"]
+    algorithm: Algorithm
     nets: tuple[str, ...] = Field(min_length=1)  # names or network folders, taken in turn
     demand: Literal["auto", "profile", "recorded"] = "profile"
     volume_min: float = Field(0.8, gt=0, le=10)  # times the profile's arrivals,

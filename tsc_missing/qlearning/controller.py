@@ -1,13 +1,17 @@
 """Controlling with a Q-network."""
 
+from pathlib import Path
+
 import numpy as np
 import torch
 
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import best_phases
+from tsc_missing.errors import UserError
 from tsc_missing.network.model import FloatArray, IntArray
 from tsc_missing.qlearning.features import SlotTables, slot_features
 from tsc_missing.qlearning.networks import Graph, QNetwork
+from tsc_missing.qlearning.weights import load_q_network
 from tsc_missing.sensing.observation import Observation
 
 
@@ -43,3 +47,12 @@ class QPolicy(Controller):
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the best phases; raises ``ValueError`` on a hole."""
         return best_phases(self._values.of(observation.values, observation.red_steps), self._name)
+
+
+def make_q_policy(name: str, weights: Path) -> QPolicy:
+    """The Q-network ``name`` with these weights; ``UserError`` if they are another's."""
+    network, manifest = load_q_network(weights)
+    found = manifest["algorithm"]
+    if found != name:
+        raise UserError("q_weights", weights, f"they are of {found}, not of {name}")
+    return QPolicy(network, name)

@@ -1,5 +1,7 @@
 """What the steps of an episode were worth."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,10 +18,20 @@ def rewards(log: EpisodeLog, network: Network, settings: QLearningSettings) -> F
     if settings.reward == "departures":
         found = departures(log, network)
     else:
-        after = log.values[1:].sum(axis=2)  # (T - 1, N, F)
-        queue = after[..., QUEUE]
-        found = -(queue + settings.running_weight * (after[..., VEHICLES] - queue))
+        found = queue_reward(log.values[1:], settings.running_weight)
     return np.asarray(found / settings.reward_scale, dtype=np.float32)
+
+
+def queue_reward(
+    values: npt.NDArray[np.floating[Any]], running_weight: float = 0.0
+) -> npt.NDArray[np.floating[Any]]:
+    """(…, N) [vehicles]: minus the vehicles on the entrance lanes, from values (…, N, 12, F).
+
+    Those that run count with ``running_weight``, those that queue in full.
+    """
+    total = values.sum(axis=-2)
+    queue = total[..., QUEUE]
+    return np.asarray(-(queue + running_weight * (total[..., VEHICLES] - queue)))
 
 
 def departures(log: EpisodeLog, network: Network) -> Float32Array:

@@ -1,6 +1,7 @@
 """Checkpoints: weights, their average and the optimiser's state in one safetensors file."""
 
 import json
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from tsc_missing.config import Settings
 from tsc_missing.diffusion.difflight import DiffLightModel
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.errors import UserError
 from tsc_missing.files import replace_file
+from tsc_missing.offline.dataset import Dataset
 from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
 
 FIELD = "checkpoint"
@@ -44,8 +47,12 @@ def save_checkpoint(
         **under("ema", ema.state_dict()),
         **under("optimiser", optimiser_state(model, optimiser)),
     }
-    content = save(tensors, metadata={"progress": at.model_dump_json()})
-    replace_file(path, content)
+    write_checkpoint(path, tensors, at)
+
+
+def write_checkpoint(path: Path, tensors: dict[str, Tensor], at: Progress) -> None:
+    """Write a checkpoint's file of any tensors; raises as ``save_checkpoint`` does."""
+    replace_file(path, save(tensors, metadata={"progress": at.model_dump_json()}))
 
 
 def load_checkpoint(path: Path) -> tuple[Progress, dict[str, Tensor]]:
@@ -63,6 +70,22 @@ def load_checkpoint(path: Path) -> tuple[Progress, dict[str, Tensor]]:
         raise UserError(FIELD, path, f"the file cannot be read ({reason})") from None
     except (SafetensorError, KeyError, ValueError):
         raise UserError(FIELD, path, "not a checkpoint, or cut off") from None
+
+
+def check_same(
+    folder: Path, at: Progress, settings: Settings, resumable: Set[str], dataset: Dataset
+) -> None:
+    """Raise ``UserError`` where a training in ``folder`` cannot be gone on with.
+
+    Settings that are not ``resumable`` must be as they were, and the dataset.
+    """
+    wanted = settings.model_dump(mode="json")
+    for name in wanted.keys() - resumable:
+        before = at.settings.get(name)
+        if wanted[name] != before:
+            raise UserError(name, wanted[name], f"{folder} was begun with {before}")
+    if at.data != dataset.checksum:
+        raise UserError("data", dataset.path, f"{folder} was begun with another dataset")
 
 
 def restore(

@@ -2,17 +2,18 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import Field, ValidationError
 
+from tsc_missing.baselines.config import SETTINGS, BaselineSettings, settings_class
 from tsc_missing.config import Settings
 from tsc_missing.diffusion.config import DiffLightConfig, Precision
-from tsc_missing.errors import UserError
+from tsc_missing.errors import UserError, nearest
 from tsc_missing.files import first_problem
 from tsc_missing.offline.window_masks import MaskMix
 from tsc_missing.paths import bundled
-from tsc_missing.qlearning.config import QLearningSettings
+from tsc_missing.qlearning.config import Algorithm, QLearningSettings
 
 FIELD = "config"
 
@@ -46,11 +47,13 @@ RESUMABLE = frozenset({"data", "log_steps", "checkpoint_seconds"})
 """Settings that may differ where a training is gone on with: they do not change the weights."""
 
 
-def read_training(config: str, **changes: Any) -> TrainingSettings | QLearningSettings:
+def read_training(
+    config: str, **changes: Any
+) -> TrainingSettings | QLearningSettings | BaselineSettings:
     """The settings of a TOML file, or of a bundled one by its name, with ``changes`` put in.
 
-    A file that names an ``algorithm`` is one of Q-learning. Raises ``UserError`` for a file that
-    is not there, no TOML, or has something unknown.
+    A file that names an ``algorithm`` is one of Q-learning or of a baseline. Raises ``UserError``
+    for a file that is not there, no TOML, or has something unknown.
     """
     path = find_config(config)
     try:
@@ -59,11 +62,28 @@ def read_training(config: str, **changes: Any) -> TrainingSettings | QLearningSe
         raise UserError(FIELD, path, f"the file cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(FIELD, path, f"not valid TOML: {error}") from None
-    kind = QLearningSettings if "algorithm" in values else TrainingSettings
+    kind = _kind(values, path)
     try:
         return kind.model_validate({**values, **changes})
     except ValidationError as error:
         raise UserError(FIELD, path, first_problem(error)) from None
+
+
+def _kind(
+    values: dict[str, Any], path: Path
+) -> type[TrainingSettings] | type[QLearningSettings] | type[BaselineSettings]:
+    """The settings that a file's ``algorithm`` means; without one, the diffusion model's."""
+    if "algorithm" not in values:
+        return TrainingSettings
+    name = values["algorithm"]
+    if name in get_args(Algorithm):
+        return QLearningSettings
+    found = settings_class(name)
+    if found is None:
+        known = (*SETTINGS, *get_args(Algorithm))
+        words = f"at algorithm: found {str(name)[:60]!r}; {nearest(str(name), known)}"
+        raise UserError(FIELD, path, words)
+    return found
 
 
 def find_config(config: str) -> Path:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Protocol
 
 import torch
 from safetensors.torch import save_file
@@ -19,8 +20,7 @@ from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.weights import save_weights
 from tsc_missing.diffusion.windows import Windows, training_batch
 from tsc_missing.errors import UserError
-from tsc_missing.files import sha256
-from tsc_missing.offline.dataset import MANIFEST, Dataset
+from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
 from tsc_missing.training import checkpoint
@@ -183,29 +183,14 @@ class Training:
 
     def _resume(self) -> None:
         at, tensors = checkpoint.load_checkpoint(self.checkpoint)
-        wanted = self.settings.model_dump(mode="json")
-        for name in wanted.keys() - RESUMABLE:
-            if wanted[name] != at.settings.get(name):
-                before = at.settings.get(name)
-                raise UserError(name, wanted[name], f"{self.folder} was begun with {before}")
-        if at.data != self._dataset.checksum:
-            raise UserError(
-                "data", self._dataset.path, f"{self.folder} was begun with another dataset"
-            )
+        checkpoint.check_same(self.folder, at, self.settings, RESUMABLE, self._dataset)
         checkpoint.restore(self.checkpoint, tensors, self.model, self.ema, self._optimiser)
         self.step, self._wall = at.step, at.wall_seconds
 
     def _write_weights(self) -> Path:
         path = self.folder / WEIGHTS
-        manifest = self._dataset.manifest
         about = {
-            "data": {
-                "checksum": sha256(self._dataset.path / MANIFEST),
-                "complete": manifest.complete,
-                "episodes": len(manifest.episodes),
-                "settings": manifest.settings.model_dump(mode="json"),
-                "sources": {n: s.checksums for n, s in manifest.sources.items()},
-            },
+            "data": self._dataset.about(),
             "training": self.settings.model_dump(mode="json", exclude={"model", "data"}),
             "seed": self.settings.seed,
             "steps": self.step,
@@ -217,7 +202,20 @@ class Training:
         return path
 
 
-def learning_rate(settings: TrainingSettings, step: int) -> float:
+class Rates(Protocol):
+    """The settings that a learning rate follows from."""
+
+    @property
+    def steps(self) -> int: ...  # noqa: D102
+    @property
+    def warm_up(self) -> int: ...  # noqa: D102
+    @property
+    def learning_rate(self) -> float: ...  # noqa: D102
+    @property
+    def final_learning_rate(self) -> float: ...  # noqa: D102
+
+
+def learning_rate(settings: Rates, step: int) -> float:
     """A rise over ``warm_up`` steps, then half a cosine from the highest to the final rate."""
     rise = min(1.0, (step + 1) / (settings.warm_up + 1))
     part = min(1.0, step / settings.steps)

@@ -2,7 +2,7 @@
 
 import csv
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +23,17 @@ COLUMNS = (
 class MetricsLog:
     """Appends rows; rows of steps after the one that a training goes on from are dropped."""
 
-    def __init__(self, folder: Path, step: int) -> None:
-        """``step`` is where the training stands."""
+    def __init__(self, folder: Path, step: int, columns: Sequence[str] = COLUMNS) -> None:
+        """``step`` is where the training stands; the first column is the step."""
+        self._columns = columns
         self._path = folder / FILE
         rows = []
         if self._path.exists():
             with self._path.open(newline="", encoding="utf-8") as stream:
-                rows = [row for row in csv.DictReader(stream) if _up_to(row, step)]
+                rows = [row for row in csv.DictReader(stream) if self._up_to(row, step)]
         temporary = self._path.with_name(f".{FILE}")
         with temporary.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, COLUMNS)
+            writer = csv.DictWriter(stream, columns)
             writer.writeheader()
             writer.writerows(rows)
         temporary.replace(self._path)
@@ -41,10 +42,10 @@ class MetricsLog:
     def write(self, row: Mapping[str, float]) -> None:
         """Append a row with all columns."""
         with self._path.open("a", newline="", encoding="utf-8") as stream:
-            shown = {name: f"{row[name]:.6g}" for name in COLUMNS if name != "step"}
-            csv.DictWriter(stream, COLUMNS).writerow({"step": int(row["step"]), **shown})
+            shown = {name: f"{row[name]:.6g}" for name in self._columns if name != "step"}
+            csv.DictWriter(stream, self._columns).writerow({"step": int(row["step"]), **shown})
         if self._board is not None:
-            for name in COLUMNS[1:]:
+            for name in self._columns[1:]:
                 self._board.add_scalar(name, row[name], int(row["step"]))
 
     def close(self) -> None:
@@ -52,12 +53,11 @@ class MetricsLog:
         if self._board is not None:
             self._board.close()
 
-
-def _up_to(row: Mapping[str, str | None], step: int) -> bool:
-    """Whether a row is whole and not after the step."""
-    number = row.get("step")
-    whole = all(row.get(name) for name in COLUMNS)
-    return whole and number is not None and number.isdigit() and int(number) <= step
+    def _up_to(self, row: Mapping[str, str | None], step: int) -> bool:
+        """Whether a row is whole and not after the step."""
+        number = row.get("step")
+        whole = all(row.get(name) for name in self._columns)
+        return whole and number is not None and number.isdigit() and int(number) <= step
 
 
 def _board(folder: Path, step: int) -> Any:

@@ -1,0 +1,1 @@
+"""The paper's baselines: policies learned from an offline dataset."""

@@ -1,0 +1,83 @@
+"""What the training of a baseline is: one TOML file. No torch here: commands read this."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from tsc_missing.config import Settings
+
+
+class BaselineSettings(Settings):
+    """What all baselines have; each algorithm adds its own options."""
+
+    algorithm: str
+    data: Path  # the dataset's folder
+    held_out: float = Field(0.1, gt=0, lt=1)  # share of the episodes that nothing is learned from
+
+    width: int = Field(32, ge=4, multiple_of=4)
+    running_weight: float = Field(0.0, ge=0, le=1)  # of running vehicles in the reward
+    reward_scale: float = Field(20.0, gt=0)  # [vehicles] that count as 1
+
+    steps: int = Field(8000, ge=1)  # updates
+    batch: int = Field(512, ge=1)  # samples of an update, at least; one is of one intersection
+    learning_rate: float = Field(1e-3, gt=0, allow_inf_nan=False)  # the highest
+    final_learning_rate: float = Field(1e-5, ge=0, allow_inf_nan=False)  # reached on a half cosine
+    warm_up: int = Field(100, ge=0)  # updates of rising learning rate
+    gradient_norm: float = Field(1.0, gt=0)  # gradients longer than this are cut to it
+    seed: int = Field(0, ge=0)
+
+    log_steps: int = Field(500, ge=1)  # updates between rows of metrics.csv
+    checkpoint_seconds: float = Field(60.0, ge=0, le=60)
+
+
+class BCSettings(BaselineSettings):
+    """Behaviour cloning."""
+
+    algorithm: Literal["bc"]
+
+
+class CQLSettings(BaselineSettings):
+    """Conservative Q-learning."""
+
+    algorithm: Literal["cql"]
+    alpha: float = Field(0.1, ge=0, allow_inf_nan=False)  # of the conservative term
+    discount: float = Field(0.8, ge=0, lt=1)  # of the next step
+    target_rate: float = Field(0.005, gt=0, le=1)  # of the moving average that gives targets
+
+
+class TD3BCSettings(BaselineSettings):
+    """TD3+BC for phases."""
+
+    algorithm: Literal["td3-bc"]
+    alpha: float = Field(2.5, ge=0, allow_inf_nan=False)  # of the values, against cloning
+    smoothing: float = Field(0.1, ge=0, le=1)  # share of uniform phases in the target policy
+    policy_delay: int = Field(2, ge=1)  # updates of the critics for one of the actor
+    discount: float = Field(0.8, ge=0, lt=1)  # of the next step
+    target_rate: float = Field(0.005, gt=0, le=1)  # of the moving averages
+
+
+class CQLModelBasedSettings(CQLSettings):
+    """Conservative Q-learning on logs with holes."""
+
+    algorithm: Literal["cql-model-based"]  # type: ignore[assignment]
+    reward_steps: int = Field(2000, ge=1)  # updates of the reward model, before those of the values
+
+
+SETTINGS: dict[str, type[BaselineSettings]] = {
+    "bc": BCSettings,
+    "cql": CQLSettings,
+    "cql-model-based": CQLModelBasedSettings,
+    "td3-bc": TD3BCSettings,
+}
+"""The baselines by name, which is the controller's and the bundled config's too."""
+
+
+def settings_class(algorithm: Any) -> type[BaselineSettings] | None:
+    """The settings of a baseline, None for the name of something else."""
+    return SETTINGS.get(algorithm) if isinstance(algorithm, str) else None
+
+
+def train_command(controller: str, net: str) -> str:
+    """What makes the weights of a baseline for a dataset's network."""
+    return f"tsc-train {controller} --data data/{net}"

@@ -1,0 +1,180 @@
+"""The logs of a dataset as tensors, and samples of successive steps from them."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tsc_missing.baselines.config import BaselineSettings
+from tsc_missing.config import SignalSettings
+from tsc_missing.errors import UserError
+from tsc_missing.imputation.store_and_forward import StoreAndForward
+from tsc_missing.network.model import Network
+from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.fill import fill_log
+from tsc_missing.offline.log import FIELD, EpisodeLog
+from tsc_missing.qlearning.features import NAMES, VEHICLE_SCALE, SlotTables, slot_features
+from tsc_missing.qlearning.networks import Graph
+from tsc_missing.qlearning.rewards import queue_reward
+from tsc_missing.seeding import stream
+
+QUEUE_COLUMN, RUNNING_COLUMN = NAMES.index("queue"), NAMES.index("running")
+HELD_OUT = 8192  # samples that the numbers on held-out episodes are of, at most
+PART = 2048  # samples of one evaluation at a time
+
+
+@dataclass(frozen=True)
+class Steps:
+    """B stretches of K successive decision steps of all N intersections of one network.
+
+    Steps before an episode began are padding: zeros, with ``there`` false. ``phase`` and
+    ``reward`` of a step are what came of it, so a decision does not know those of the last step.
+    """
+
+    graph: Graph
+    features: Tensor  # (B, K, N, 12, N_NAMES) as ``qlearning.features`` makes them
+    phase: Tensor  # (B, K, N) that ran from each step on; -1 where not known
+    reward: Tensor  # (B, K, N) at the end of each step, scaled; 0 where not known
+    known: Tensor  # (B, K, N) bool: all slots of the intersection reported at the step
+    there: Tensor  # (B, K) bool
+
+    @property
+    def values(self) -> Tensor:
+        """(B, K, N, 12, F) [vehicles]: vehicles and queue of the slots."""
+        queue = self.features[..., QUEUE_COLUMN]
+        vehicles = queue + self.features[..., RUNNING_COLUMN]
+        return torch.stack((vehicles, queue), dim=-1) * VEHICLE_SCALE
+
+    @property
+    def samples(self) -> int:
+        """Stretches times intersections, B * N."""
+        return self.phase.shape[0] * self.phase.shape[2]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """All steps of a network's S = T_1 + T_2 + … steps, episode after episode."""
+
+    graph: Graph
+    features: Tensor  # (S, N, 12, N_NAMES) half precision
+    phase: Tensor  # (S, N)
+    reward: Tensor  # (S, N)
+    known: Tensor  # (S, N)
+    position: Tensor  # (S,) of the step in its episode
+    ends: Tensor  # (E,) rows that a stretch may end at
+
+
+class Logs:
+    """Episodes to sample stretches of ``length`` steps from."""
+
+    def __init__(
+        self,
+        episodes: Mapping[str, Sequence[EpisodeLog]],
+        networks: Mapping[str, Network],
+        settings: BaselineSettings,
+        length: int,
+        padded: bool,
+    ) -> None:
+        """``episodes`` by network; ``padded`` stretches may reach back to before an episode.
+
+        Holes are filled by store-and-forward (k = 12). Raises ``UserError`` where no episode is
+        long enough.
+        """
+        self._length = length
+        self._rows = []
+        for net, logs in sorted(episodes.items()):
+            rows = _rows(networks[net], logs, settings, 1 if padded else length)
+            if len(rows.ends):
+                self._rows.append(rows)
+        if not self._rows:
+            raise UserError(FIELD, settings.data, f"no episode has {length} steps")
+        sizes = np.array([len(rows.ends) * rows.phase.shape[1] for rows in self._rows])
+        self._shares = sizes / sizes.sum()
+
+    def sample(self, samples: int, rng: np.random.Generator) -> Steps:
+        """Stretches of one network with at least so many samples; all are alike probable."""
+        rows = self._rows[rng.choice(len(self._rows), p=self._shares)]
+        count = math.ceil(samples / rows.phase.shape[1])
+        return self._steps(rows, rows.ends[rng.integers(len(rows.ends), size=count)])
+
+    @property
+    def rewards(self) -> int:
+        """Steps of an intersection whose beginning and end were observed in full."""
+        return sum(
+            int((rows.known[:-1] & rows.known[1:])[rows.position[1:] > 0].sum())
+            for rows in self._rows
+        )
+
+    def spread(self, most: int = HELD_OUT, part: int = PART) -> Iterator[Steps]:
+        """Stretches evenly spread over all episodes, about ``most`` samples, in parts."""
+        for rows, share in zip(self._rows, self._shares, strict=True):
+            n = rows.phase.shape[1]
+            every = max(1, math.ceil(len(rows.ends) * n / max(most * share, 1)))
+            for ends in torch.split(rows.ends[::every], max(1, part // n)):
+                yield self._steps(rows, ends)
+
+    def _steps(self, rows: _Rows, ends: Tensor) -> Steps:
+        """The stretches that end at the rows ``ends`` (B,)."""
+        back = torch.arange(self._length - 1, -1, -1)
+        there = rows.position[ends, None] >= back  # (B, K)
+        at = (ends[:, None] - back).clamp(min=0)
+        features, reward = rows.features[at].float(), rows.reward[at]
+        phase, known = rows.phase[at], rows.known[at]
+        if not there.all():
+            features = features * there[:, :, None, None, None]
+            reward = reward * there[:, :, None]
+            phase = torch.where(there[:, :, None], phase, -1)
+            known = known & there[:, :, None]
+        return Steps(rows.graph, features, phase, reward, known, there)
+
+
+def read_logs(
+    dataset: Dataset, settings: BaselineSettings, length: int, padded: bool
+) -> tuple[Logs, Logs]:
+    """The episodes to learn from, and those held out: of each network the same share.
+
+    Raises ``UserError`` where no network has two episodes.
+    """
+    by_net: dict[str, list[int]] = {}
+    for number, entry in enumerate(dataset.manifest.episodes):
+        by_net.setdefault(entry.spec.net, []).append(number)
+    learn: dict[str, list[EpisodeLog]] = {}
+    held: dict[str, list[EpisodeLog]] = {}
+    for net, numbers in by_net.items():
+        order = stream(settings.seed, f"held-out-{net}").permutation(numbers)
+        most = len(order) - 1
+        count = min(most, max(1, round(settings.held_out * len(order))))
+        for k, number in enumerate(order):
+            (held if k < count else learn).setdefault(net, []).append(dataset.load(int(number)))
+    if not held:
+        raise UserError(FIELD, dataset.path, "it needs two episodes of a network: one is held out")
+    made = (Logs(part, dataset.networks, settings, length, padded) for part in (learn, held))
+    return next(made), next(made)
+
+
+def _rows(
+    network: Network, logs: Sequence[EpisodeLog], settings: BaselineSettings, least: int
+) -> _Rows:
+    """The steps of a network's episodes; stretches have at least ``least`` real steps."""
+    tables = SlotTables.of(network, SignalSettings().decision_interval)
+    filled = [fill_log(log, network, StoreAndForward()) for log in logs]
+    features = [slot_features(tables, log.values, log.red_steps) for log in filled]
+    position = np.concatenate([np.arange(len(log.phase)) for log in logs])
+    return _Rows(
+        graph=Graph.of(network),
+        features=torch.from_numpy(np.concatenate(features).astype(np.float16)),
+        phase=torch.from_numpy(np.concatenate([log.phase for log in logs])),
+        reward=torch.from_numpy(np.concatenate([_rewards(log, settings) for log in filled])),
+        known=torch.from_numpy(np.concatenate([log.recorded.all(axis=2) for log in logs])),
+        position=torch.from_numpy(position),
+        ends=torch.from_numpy(np.flatnonzero(position >= least - 1)),
+    )
+
+
+def _rewards(log: EpisodeLog, settings: BaselineSettings) -> np.ndarray:
+    """(T, N): of each step; 0 for the last, whose end is not in the log."""
+    after = queue_reward(log.values[1:], settings.running_weight) / settings.reward_scale
+    return np.concatenate((after, np.zeros_like(log.phase[:1]))).astype(np.float32)
