@@ -22,7 +22,7 @@ class QLearningSettings(Settings):
     algorithm: Algorithm
     nets: tuple[str, ...] = Field(min_length=1)  # names or network folders, taken in turn
     demand: Literal["auto", "profile", "recorded"] = "profile"
-    volume_min: float = Field(0.8, gt=0, le=10)  # times the profile's arrivals,
+    volume_min: float = Field(0.8, gt=0, le=10)  # times the arrivals, where a profile gives them,
     volume_max: float = Field(1.2, gt=0, le=10)  # drawn for each episode
     data: Path | None = None  # an offline dataset to learn from besides
     start: str | None = None  # weights to begin with, a name or a path

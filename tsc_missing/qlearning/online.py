@@ -85,6 +85,7 @@ class QTraining:
         self.folder = folder
         scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
         networks = {net: scenario.folder.network for net, scenario in scenarios.items()}
+        self._scaled = {net for net, s in scenarios.items() if s.demand_kind == "profile"}
         self._sources = {net: scenario.checksums() for net, scenario in scenarios.items()}
         self._data = None if settings.data is None else read_dataset(settings.data)
         if self._data is not None:
@@ -152,10 +153,12 @@ class QTraining:
         settings = self.settings
         rng = stream(settings.seed, f"episode-{number}-{k}")
         index = number * settings.episodes + k
+        net = settings.nets[index % len(settings.nets)]
+        volume = round(float(rng.uniform(settings.volume_min, settings.volume_max)), 4)
         run = RunSettings(
-            net=settings.nets[index % len(settings.nets)],
+            net=net,
             demand=settings.demand,
-            volume=round(float(rng.uniform(settings.volume_min, settings.volume_max)), 4),
+            volume=volume if net in self._scaled else 1.0,
             horizon=settings.horizon,
             seed=int(rng.integers(2**31)),
         )
