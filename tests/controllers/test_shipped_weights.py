@@ -7,6 +7,7 @@ pytest.importorskip("torch")
 
 from tests.controllers.planning import observations
 from tests.networks import context_for, grid_network
+from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.registry import controller_of
 from tsc_missing.weights.file import read_tensors
@@ -49,9 +50,14 @@ def test_weights_say_where_they_come_from(name):
     path = find_weights(name)
     assert path.is_relative_to(FOLDER)
     assert path.stat().st_size < LARGEST
-    kind = "difflight" if name == "universal" else "q-network"
+    baseline = next((b for b in BASELINES if name.startswith(f"{b}-")), None)
+    kind = "baseline" if baseline else "difflight" if name == "universal" else "q-network"
     manifest, tensors = read_tensors(path, kind)
     assert tensors
     assert {"training", "versions", "git", "checksum"} <= manifest.keys()
+    if baseline:  # of one network each, whose recorded demand they may have seen
+        assert manifest["algorithm"] == baseline
+        assert manifest["data"]["sources"].keys() == {name.removeprefix(f"{baseline}-")}
+        return
     sources = manifest["data"]["sources"] if kind == "difflight" else manifest["sources"]
     assert not any("recorded" in file for files in sources.values() for file in files)

@@ -57,7 +57,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
 def _lacks(run: RunSpec) -> dict[str, str]:
     """The method of a run without weights, and the command that makes these."""
     settings = run.settings
-    if settings.controller in BASELINES and settings.q_weights == "auto":
+    if settings.controller in BASELINES:
         net = network_name(settings.net)
         return {f"{run.method} on {net}": train_command(settings.controller, net)}
     return {run.method: run.train or COMMAND}
