@@ -10,7 +10,7 @@ from tests.baselines.cases import queue_dataset, trained
 from tsc_missing.baselines.controller import BaselineController
 from tsc_missing.batch.check import available
 from tsc_missing.batch.suite import read_suite
-from tsc_missing.config import RunSettings
+from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.registry import controller_of, uses_weights, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
@@ -43,7 +43,8 @@ def package(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("net", ["jinan", "jinan_1", "some/folder/jinan_1"])
 def test_packaged_weights_are_found_by_controller_and_network(package, net):
-    settings = RunSettings(controller="bc", net=net, imputer="sfm", blind="none")
+    signals = SignalSettings(max_red=0)
+    settings = RunSettings(controller="bc", net=net, imputer="sfm", blind="none", signals=signals)
     assert weights_of(settings) == ("bc-jinan_1",)
     assert uses_weights(settings)
     controller = controller_of(settings)
