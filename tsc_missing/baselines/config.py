@@ -1,9 +1,9 @@
 """What the training of a baseline is: one TOML file. No torch here: commands read this."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 
@@ -64,10 +64,27 @@ class CQLModelBasedSettings(CQLSettings):
     reward_steps: int = Field(2000, ge=1)  # updates of the reward model, before those of the values
 
 
+class DecisionTransformerSettings(BaselineSettings):
+    """Decision Transformer."""
+
+    algorithm: Literal["decision-transformer"]
+    history: int = Field(8, ge=1)  # K, steps that it looks at
+    layers: int = Field(2, ge=1)
+    heads: int = Field(2, ge=1)
+    asked_quantile: float = Field(0.9, ge=0, le=1)  # of the logs' returns: what a run asks for
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.width % self.heads:
+            raise ValueError(f"width {self.width} must be a multiple of heads {self.heads}")
+        return self
+
+
 SETTINGS: dict[str, type[BaselineSettings]] = {
     "bc": BCSettings,
     "cql": CQLSettings,
     "cql-model-based": CQLModelBasedSettings,
+    "decision-transformer": DecisionTransformerSettings,
     "td3-bc": TD3BCSettings,
 }
 """The baselines by name, which is the controller's and the bundled config's too."""
