@@ -22,7 +22,8 @@ from tsc_missing.baselines.base import Learner, Policy, accuracy, descend, optim
 from tsc_missing.baselines.config import DecisionTransformerSettings
 from tsc_missing.baselines.returns import ReturnScale
 from tsc_missing.baselines.transitions import Logs, Steps
-from tsc_missing.diffusion.layers import StepEmbedding
+from tsc_missing.diffusion.attention import attend, merge_heads, split_heads
+from tsc_missing.diffusion.layers import Projection, StepEmbedding, mlp
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.qlearning.features import NAMES
 from tsc_missing.qlearning.networks import (
@@ -56,14 +57,8 @@ class DecisionTransformerPolicy(Policy):
         self.phase = nn.Linear(N_SLOTS, width)
         self.position = StepEmbedding(width)
         self.place = nn.Parameter(0.02 * torch.randn(self.history, TOKENS, width))
-        self.transformer = nn.TransformerEncoder(
-            nn.TransformerEncoderLayer(
-                width, self.heads, 4 * width, 0.0, "gelu", batch_first=True, norm_first=True
-            ),
-            settings.layers,
-            nn.LayerNorm(width),
-            enable_nested_tensor=False,
-        )
+        self.layers = nn.ModuleList(Layer(width, self.heads) for _ in range(settings.layers))
+        self.out = nn.LayerNorm(width)
         self.score = dense(4 * width + 1, 2 * width, width, 1)
 
     def scores(self, recent: Steps, generator: torch.Generator) -> Tensor:
@@ -103,10 +98,33 @@ class DecisionTransformerPolicy(Policy):
     def _transformed(self, tokens: Tensor, there: Tensor) -> Tensor:
         """(B, K, N, D) of tokens (B, K, N, 3, D): what the state tokens become."""
         batch, count, n, _, width = tokens.shape
-        sequence = tokens.transpose(1, 2).reshape(batch * n, count * TOKENS, width)
-        hidden = hidden_from(there).repeat_interleave(n * self.heads, dim=0)
-        out: Tensor = self.transformer(sequence, mask=hidden)
+        h = tokens.transpose(1, 2).reshape(batch * n, count * TOKENS, width)
+        seen = seen_from(there).float().repeat_interleave(n, dim=0).repeat(self.heads, 1, 1)
+        for layer in self.layers:
+            h = layer(h, seen)
+        out: Tensor = self.out(h)
         return out.view(batch, n, count, TOKENS, width)[:, :, :, STATE].transpose(1, 2)
+
+
+class Layer(nn.Module):
+    """Attention and an MLP, each after a normalisation and with a residual."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        """``width`` is a multiple of ``heads``."""
+        super().__init__()
+        self.heads = heads
+        self.before = nn.LayerNorm(width)
+        self.project = Projection(width, heads, "qkv")
+        self.merge = nn.Linear(width, width)
+        self.between = nn.LayerNorm(width)
+        self.mlp = mlp(width, 4 * width, width)
+
+    def forward(self, h: Tensor, seen: Tensor) -> Tensor:
+        """(S, Q, D) of the same; ``seen`` (heads * S, Q, Q), 1 where a row sees a column."""
+        q, k, v = split_heads(self.project(self.before(h)), 3, self.heads)
+        h = h + self.merge(merge_heads(attend(q, k, v, seen), self.heads))
+        out: Tensor = h + self.mlp(self.between(h))
+        return out
 
 
 class DecisionTransformer(Learner):
@@ -156,16 +174,14 @@ def served_slots(phases: Tensor, phase: Tensor) -> Tensor:
     return found.float()
 
 
-def hidden_from(there: Tensor) -> Tensor:
-    """(B, 3 K, 3 K): whether a token (row) must not see another; ``there`` (B, K).
+def seen_from(there: Tensor) -> Tensor:
+    """(B, 3 K, 3 K): whether a token (row) sees another (column); ``there`` (B, K).
 
-    It sees those before it and itself, and no padding but itself.
+    It sees itself and those before it, but no padding.
     """
-    told = there.repeat_interleave(TOKENS, dim=1)
-    size = told.shape[1]
-    later = torch.ones((size, size), dtype=torch.bool).triu(1)
-    itself = torch.eye(size, dtype=torch.bool)
-    return later | (~told.unsqueeze(1) & ~itself)
+    told = there.repeat_interleave(TOKENS, dim=1).unsqueeze(1)
+    past = torch.ones((told.shape[-1], told.shape[-1]), dtype=torch.bool).tril()
+    return (past & told) | torch.eye(len(past), dtype=torch.bool)
 
 
 def _cross_entropy(logits: Tensor, batch: Steps) -> Tensor:
