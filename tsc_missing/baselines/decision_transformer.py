@@ -21,7 +21,7 @@ from torch.nn import functional
 from tsc_missing.baselines.base import Learner, Policy, accuracy, descend, optimiser_of
 from tsc_missing.baselines.config import DecisionTransformerSettings
 from tsc_missing.baselines.returns import ReturnScale
-from tsc_missing.baselines.transitions import Logs, Steps
+from tsc_missing.baselines.transitions import Logs, Steps, served_slots
 from tsc_missing.diffusion.attention import attend, merge_heads, split_heads
 from tsc_missing.diffusion.layers import Projection, StepEmbedding, mlp
 from tsc_missing.network.slots import N_SLOTS
@@ -80,7 +80,7 @@ class DecisionTransformerPolicy(Policy):
             (
                 self.to_go(self.returns(to_go[:, -count:]).unsqueeze(-1)),
                 self.state(e.sum(dim=-2)),
-                self.phase(served_slots(steps.graph.phases, phase)),
+                self.phase(served_slots(steps.graph, phase)),
             ),
             dim=3,
         )  # (B, K, N, 3, D)
@@ -162,16 +162,6 @@ class DecisionTransformer(Learner):
             "told_accuracy": accuracy(told[:, -1], phase),
             "cross_entropy": _cross_entropy(told, batch).item(),
         }
-
-
-def served_slots(phases: Tensor, phase: Tensor) -> Tensor:
-    """(…, N, 12): 1 where a phase (…, N) serves a slot; zeros for the phase -1.
-
-    ``phases`` (N, P, 12) is the table of a ``Graph``.
-    """
-    everyone = torch.arange(len(phases))
-    found: Tensor = phases[everyone, phase.clamp(min=0)] & (phase >= 0).unsqueeze(-1)
-    return found.float()
 
 
 def seen_from(there: Tensor) -> Tensor:

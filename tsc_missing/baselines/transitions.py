@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -50,6 +50,13 @@ class Steps:
         queue = self.features[..., QUEUE_COLUMN]
         vehicles = queue + self.features[..., RUNNING_COLUMN]
         return torch.stack((vehicles, queue), dim=-1) * VEHICLE_SCALE
+
+    def first(self, count: int) -> "Steps":
+        """The first ``count`` of the K steps."""
+        parts = {
+            f.name: getattr(self, f.name)[:, :count] for f in fields(self) if f.name != "graph"
+        }
+        return replace(self, **parts)
 
     @property
     def samples(self) -> int:
@@ -217,6 +224,13 @@ def _rewards(log: EpisodeLog, settings: BaselineSettings) -> np.ndarray:
     """(T, N): of each step; 0 for the last, whose end is not in the log."""
     after = queue_reward(log.values[1:], settings.running_weight) / settings.reward_scale
     return np.concatenate((after, np.zeros_like(log.phase[:1]))).astype(np.float32)
+
+
+def served_slots(graph: Graph, phase: Tensor) -> Tensor:
+    """(…, N, 12): 1 where a phase (…, N) serves a slot; zeros for the phase -1."""
+    everyone = torch.arange(len(graph.phases))
+    found: Tensor = graph.phases[everyone, phase.clamp(min=0)] & (phase >= 0).unsqueeze(-1)
+    return found.float()
 
 
 def _to_go(rewards: np.ndarray, discount: float) -> np.ndarray:
