@@ -129,5 +129,5 @@ def test_a_controller_sees_its_past_as_a_log_shows_it(net):
                 mine, its = mine[:, :-1], its[:, :-1]
                 assert (seen.phase[:, -1] == -1).all()
                 assert not seen.reward[:, -1].any()
-            if field.name != "graph":
+            if field.name not in ("graph", "to_go"):
                 torch.testing.assert_close(mine, its, rtol=2e-3, atol=1e-3)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
-from tsc_missing.baselines.transitions import Steps
+from tsc_missing.baselines.transitions import Logs, Steps
 from tsc_missing.qlearning.networks import PhaseValue
 
 
@@ -24,8 +24,8 @@ class Policy(nn.Module, ABC):
     def scores(self, recent: Steps, generator: torch.Generator) -> Tensor:
         """(B, N, P): the best is the phase to run now; ``NO_PHASE`` where there is no such phase.
 
-        ``recent`` are K steps; phase and reward of the last, which is now, must not matter. What
-        is random comes from ``generator``.
+        ``recent`` are K steps or more; phase and reward of the last, which is now, must not
+        matter, nor what is ``to_go``. What is random comes from ``generator``.
         """
 
 
@@ -52,10 +52,19 @@ class Learner(nn.Module, ABC):
 
     length = 1  # K steps of a sample
     padded = False  # whether samples may reach back to before an episode
+    ahead = 0  # steps of a sample after the one that is decided at; never padding
+    discount = 1.0  # of the next step, in what samples tell of the rewards to go
     takes_holes = False  # whether it learns from logs with holes
 
     policy: Policy
     optimisers: dict[str, torch.optim.Optimizer]
+
+    def prepare(self, logs: Logs) -> None:
+        """Measure what is needed of the logs, before the first update.
+
+        What is found is in ``state_dict`` too. Nothing, unless a learner does more.
+        """
+        return
 
     @abstractmethod
     def update(self, batch: Steps, step: int, generator: torch.Generator) -> dict[str, float]:

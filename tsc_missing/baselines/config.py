@@ -1,9 +1,9 @@
 """What the training of a baseline is: one TOML file. No torch here: commands read this."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 
@@ -64,10 +64,66 @@ class CQLModelBasedSettings(CQLSettings):
     reward_steps: int = Field(2000, ge=1)  # updates of the reward model, before those of the values
 
 
+class DecisionTransformerSettings(BaselineSettings):
+    """Decision Transformer."""
+
+    algorithm: Literal["decision-transformer"]
+    history: int = Field(8, ge=1)  # K, steps that it looks at
+    layers: int = Field(2, ge=1)
+    heads: int = Field(2, ge=1)
+    asked_quantile: float = Field(0.9, ge=0, le=1)  # of the logs' returns: what a run asks for
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.width % self.heads:
+            raise ValueError(f"width {self.width} must be a multiple of heads {self.heads}")
+        return self
+
+
+class PlannerSettings(BaselineSettings):
+    """What the two planners by diffusion have."""
+
+    width: int = Field(32, ge=8, multiple_of=8)
+    history: int = Field(5, ge=1)  # C, steps that are known
+    horizon: int = Field(3, ge=1)  # H, steps that are planned
+    diffusion_steps: int = Field(100, ge=1)  # K
+    sampling_steps: int = Field(10, ge=1)  # of a decision
+    temperature: float = Field(0.5, ge=0, allow_inf_nan=False)  # of the noise that a plan begins as
+    discount: float = Field(0.9, ge=0, lt=1)  # of the next step
+    average_rate: float = Field(0.005, gt=0, le=1)  # of the moving average that decides
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if (self.history + self.horizon) % 4:
+            raise ValueError("history + horizon must be a multiple of 4")
+        if self.sampling_steps > self.diffusion_steps:
+            raise ValueError("sampling_steps must be at most diffusion_steps")
+        return self
+
+
+class DiffuserSettings(PlannerSettings):
+    """Diffuser."""
+
+    algorithm: Literal["diffuser"]
+    guidance: float = Field(1.0, ge=0, allow_inf_nan=False)  # times the gradient of the return
+
+
+class DecisionDiffuserSettings(PlannerSettings):
+    """Decision Diffuser."""
+
+    algorithm: Literal["decision-diffuser"]
+    guidance: float = Field(1.2, ge=0, allow_inf_nan=False)  # ω
+    return_dropout: float = Field(0.25, ge=0, le=1)  # p
+    asked_quantile: float = Field(0.9, ge=0, le=1)  # of the logs' returns: what a run asks for
+
+
 SETTINGS: dict[str, type[BaselineSettings]] = {
     "bc": BCSettings,
     "cql": CQLSettings,
     "cql-model-based": CQLModelBasedSettings,
+    "decision-diffuser": DecisionDiffuserSettings,
+    "decision-transformer": DecisionTransformerSettings,
+    "diffuser": DiffuserSettings,
     "td3-bc": TD3BCSettings,
 }
 """The baselines by name, which is the controller's and the bundled config's too."""

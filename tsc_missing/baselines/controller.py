@@ -47,6 +47,9 @@ class BaselineController(Controller):
             reward=torch.zeros((1, history, n)),
             known=torch.zeros((1, history, n), dtype=torch.bool),
             there=torch.zeros((1, history), dtype=torch.bool),
+            position=torch.zeros((1, history), dtype=torch.int64),
+            earned=torch.zeros((1, history, n)),
+            to_go=torch.full((1, history, n), torch.nan),
         )
 
     @torch.inference_mode()
@@ -62,7 +65,8 @@ class BaselineController(Controller):
         features = slot_features(self._tables, observation.values, observation.red_steps)
         reward = queue_reward(observation.values, settings.running_weight) / settings.reward_scale
         phases, rewards = recent.phase.clone(), recent.reward.clone()
-        if recent.there[0, -1]:
+        before = bool(recent.there[0, -1])
+        if before:
             phases[0, -1] = torch.from_numpy(observation.phase)
             rewards[0, -1] = torch.from_numpy(reward).float()
         return Steps(
@@ -72,6 +76,9 @@ class BaselineController(Controller):
             reward=_shifted(rewards, torch.tensor(0.0)),
             known=_shifted(recent.known, torch.from_numpy(observation.mask.all(axis=1))),
             there=_shifted(recent.there, torch.tensor(True)),
+            position=_shifted(recent.position, recent.position[:, -1] + before),
+            earned=_shifted(recent.earned, recent.earned[:, -1] + rewards[:, -1]),
+            to_go=recent.to_go,
         )
 
 

@@ -64,8 +64,9 @@ class BaselineTraining:
             self._resume()
         elif folder.exists() and any(folder.iterdir()):
             raise UserError("out", folder, "it is there already; --resume goes on with it")
+        learner = self.learner
         self._logs, self._held_out = read_logs(
-            dataset, settings, self.learner.length, self.learner.padded
+            dataset, settings, learner.length, learner.padded, learner.ahead, learner.discount
         )
         if self.learner.takes_holes and not self._logs.rewards:
             raise UserError(
@@ -125,6 +126,7 @@ class BaselineTraining:
 
     def _loop(self, began: float, watch: Watch | None, stop: Callable[[], bool]) -> None:
         if self.step == 0:
+            self.learner.prepare(self._logs)
             self._save(0.0)
         saved = time.perf_counter()
         with contextlib.ExitStack() as stack:

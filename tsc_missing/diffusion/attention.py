@@ -49,7 +49,7 @@ def _row_sums(x: Tensor) -> Tensor:
 def attend(q: Tensor, k: Tensor, v: Tensor, mask: Tensor | None = None) -> Tensor:
     """softmax(q kᵀ) v over S sequences; q (S, Q, d), already divided by sqrt(d), k and v (S, K, d).
 
-    ``mask`` (S, 1, K) is 1 for the keys that count and 0 for the others; at least one counts.
+    ``mask`` (S, 1 or Q, K) is 1 for the keys that count, 0 for the others; at least one counts.
     Logits end at ±30, and the gradient passes through that.
     """
     out: Tensor = _Attend.apply(q, k, v, mask)  # type: ignore[no-untyped-call]

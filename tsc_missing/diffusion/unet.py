@@ -36,8 +36,30 @@ class Block(nn.Module):
         return out
 
 
-class UNet(NoiseModel):
-    """Down twice and up twice over the T steps of a window."""
+class Hourglass(nn.Module):
+    """Blocks down twice and up twice over time; T is a multiple of 4."""
+
+    def make_blocks(self, inputs: int, width: int) -> None:
+        """``width`` is that of the embedding too."""
+        self.enter = Block(inputs, width, width)
+        self.down = Block(width, 2 * width, width)
+        self.bottom = Block(2 * width, 2 * width, width)
+        self.up = Block(4 * width, width, width)
+        self.leave = Block(2 * width, width, width)
+
+    def through(self, x: Tensor, condition: Tensor) -> Tensor:
+        """(B, inputs, T) and (B, width) to (B, width, T)."""
+        top = self.enter(x, condition)
+        middle = self.down(nnf.avg_pool1d(top, 2), condition)
+        low = self.bottom(nnf.avg_pool1d(middle, 2), condition)
+        raised = torch.cat((nnf.interpolate(low, scale_factor=2.0), middle), dim=1)
+        full = torch.cat((nnf.interpolate(self.up(raised, condition), scale_factor=2.0), top), 1)
+        out: Tensor = self.leave(full, condition)
+        return out
+
+
+class UNet(NoiseModel, Hourglass):
+    """An hourglass over the T steps of a window."""
 
     def __init__(self, config: DiffLightConfig) -> None:
         """Channels are the features of the twelve slots."""
@@ -46,11 +68,7 @@ class UNet(NoiseModel):
         self.channels = N_FEATURES + (not config.inverse_dynamics)
         self.diffusion_step = StepEmbedding(width)
         self.reward = mlp(2 * config.steps, width, width)
-        self.enter = Block(N_SLOTS * self.cell_width, width, width)
-        self.down = Block(width, 2 * width, width)
-        self.bottom = Block(2 * width, 2 * width, width)
-        self.up = Block(4 * width, width, width)
-        self.leave = Block(2 * width, width, width)
+        self.make_blocks(N_SLOTS * self.cell_width, width)
         self.out = nn.Conv1d(width, N_SLOTS * self.channels, 1)
 
     def _predict(
@@ -62,11 +80,7 @@ class UNet(NoiseModel):
         used = masks.any(dim=-1)  # without any reward the embedding of rewards is left out
         e = blank(self.reward(seen), used) + self.diffusion_step(k)
         c = e.flatten(0, 1)
-        top = self.enter(self._features(x, inputs).repeat(count, 1, 1), c)
-        middle = self.down(nnf.avg_pool1d(top, 2), c)
-        low = self.bottom(nnf.avg_pool1d(middle, 2), c)
-        raised = self.up(torch.cat((nnf.interpolate(low, scale_factor=2.0), middle), dim=1), c)
-        full = self.leave(torch.cat((nnf.interpolate(raised, scale_factor=2.0), top), dim=1), c)
+        full = self.through(self._features(x, inputs).repeat(count, 1, 1), c)
         out: Tensor = self.out(full).transpose(1, 2)
         return out.reshape(count, batch, length, N_SLOTS, self.channels)
 
