@@ -49,9 +49,16 @@ def test_weights_say_where_they_come_from(name):
     path = find_weights(name)
     assert path.is_relative_to(FOLDER)
     assert path.stat().st_size < LARGEST
-    kind = "difflight" if name == "universal" else "q-network"
+    strict = name.startswith(("strict-", "paper-"))  # learned from a recorded flow, with holes
+    kind = "difflight" if name == "universal" or strict else "q-network"
     manifest, tensors = read_tensors(path, kind)
     assert tensors
     assert {"training", "versions", "git", "checksum"} <= manifest.keys()
     sources = manifest["data"]["sources"] if kind == "difflight" else manifest["sources"]
-    assert not any("recorded" in file for files in sources.values() for file in files)
+    if strict:
+        assert list(sources) == [name.split("-")[1]]
+        assert not manifest["data"]["complete"]
+        assert manifest["data"]["settings"]["missing"]["pattern"] == name.split("-")[2]
+        assert manifest["data"]["settings"]["demand"] == "recorded"
+    else:
+        assert not any("recorded" in file for files in sources.values() for file in files)
