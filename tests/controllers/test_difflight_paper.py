@@ -13,7 +13,7 @@ from tests.controllers.helpers import cross_and_tee
 from tests.controllers.planning import observations, save_tiny
 from tests.diffusion.cases import PUBLISHED, history, model, plan
 from tests.networks import context_for, grid_network
-from tsc_missing.config import DiffusionSettings, MissingSettings, RunSettings
+from tsc_missing.config import DiffusionSettings, MissingSettings, RunSettings, SignalSettings
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.difflight import DiffLight
@@ -35,7 +35,14 @@ def weights(tmp_path_factory):
 
 def paper(weights, **options):
     diffusion = DiffusionSettings(weights=str(weights), sampling_steps=2)
-    return controller_of(RunSettings(controller="difflight-paper", diffusion=diffusion, **options))
+    return controller_of(
+        RunSettings(
+            controller="difflight-paper",
+            diffusion=diffusion,
+            signals=SignalSettings(max_red=0),
+            **options,
+        )
+    )
 
 
 def test_it_conforms_and_decides_by_inverse_dynamics_everywhere(weights):
