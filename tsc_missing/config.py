@@ -104,7 +104,7 @@ class SensorSettings(Settings):
 class DiffusionSettings(Settings):
     """How the diffusion model is used, as controller or as imputer."""
 
-    weights: str = "universal"  # a name of packaged weights, or a path
+    weights: str = "universal"  # a name or a path (see ``controllers.diffusion_weights``)
     sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
     scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
 

@@ -6,6 +6,7 @@ from tsc_missing.batch.check import available
 from tsc_missing.batch.keys import leaves, nested
 from tsc_missing.batch.suite import bundled_suites, read_suite
 from tsc_missing.config import RunSettings
+from tsc_missing.controllers.registry import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.paths import bundled
 from tsc_missing.report.paper import Condition, find_number, paper_numbers, parse_condition
@@ -40,10 +41,12 @@ def test_bundled_suites(name):
     _, lacking = available(suite.runs, skip=True)
     trainings = {path.stem for path in (bundled("scenarios") / "training").glob("*.toml")}
     for command in lacking.values():
-        assert command.startswith("tsc-train ")
+        assert command.startswith(("tsc-train ", "python -m tools.strict "))
     for run in suite.runs:
         made = run.settings.diffusion.weights.removeprefix("runs/train-")
-        assert run.settings.controller != "difflight" or made in trainings
+        assert run.settings.controller != "difflight" or made.replace("{net}-", "").format(
+            pattern=run.settings.missing.pattern
+        ) in (trainings)
     for training in trainings:
         read_training(training)
 
@@ -114,6 +117,45 @@ def test_changes_replace_what_the_file_says(tmp_path):
         (5, "max-queue", "recorded")
     }
     assert len(read_suite(str(write(tmp_path, text)), ["missing={pattern='none'}"]).runs) == 2
+
+
+def test_strict_methods_have_the_weights_of_their_network_and_pattern():
+    suite = read_suite("strict")
+    strict = [run for run in suite.runs if run.method == "DiffLight, strict"]
+    for run in strict:
+        net, pattern = run.dataset, run.settings.missing.pattern
+        assert weights_of(run.settings) == (f"strict-{net}-{pattern}",)
+        assert run.train == f"python -m tools.strict {net} {pattern}"
+        assert run.settings.mask_seed == (0 if pattern == "kriging" else None)
+    assert {weights_of(run.settings)[0] for run in strict} == {
+        f"strict-{net}-{pattern}"
+        for net in ("hangzhou_1", "jinan_1")
+        for pattern in ("random", "kriging")
+    }
+    for run in suite.runs:
+        if run.method == "difflight-paper":
+            pattern = run.settings.missing.pattern
+            assert weights_of(run.settings) == (f"paper-{run.dataset}-{pattern}",)
+
+
+def test_what_makes_all_the_weights_that_a_method_lacks(tmp_path):
+    text = """
+        [methods.own]
+        controller = "difflight"
+        diffusion.weights = "own-{net}-{pattern}-{seed}"
+        diffusion.scoring = "queue"
+        train = "make {net} {pattern}"
+        [[runs]]
+        method = "own"
+        net = ["jinan", "hangzhou_2"]
+        missing = [{ pattern = "random", rate = 0.5 }, { pattern = "lane", rate = 0.5 }]
+        seed = [3, 4]
+    """
+    suite = read_suite(str(write(tmp_path, text)))
+    assert weights_of(suite.runs[0].settings) == ("own-jinan_1-random-3",)
+    there, lacking = available(suite.runs, skip=True)
+    assert not there
+    assert lacking == {"own": "make jinan_1 random; make hangzhou_2 random"}
 
 
 def test_leaves_and_nested_are_inverse():

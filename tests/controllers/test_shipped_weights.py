@@ -51,7 +51,10 @@ def test_weights_say_where_they_come_from(name):
     assert path.is_relative_to(FOLDER)
     assert path.stat().st_size < LARGEST
     baseline = next((b for b in BASELINES if name.startswith(f"{b}-")), None)
-    kind = "baseline" if baseline else "difflight" if name == "universal" else "q-network"
+    strict = name.startswith(("strict-", "paper-"))  # learned from a recorded flow, with holes
+    kind = "q-network"
+    if baseline or strict or name == "universal":
+        kind = "baseline" if baseline else "difflight"
     manifest, tensors = read_tensors(path, kind)
     assert tensors
     assert {"training", "versions", "git", "checksum"} <= manifest.keys()
@@ -60,4 +63,10 @@ def test_weights_say_where_they_come_from(name):
         assert manifest["data"]["sources"].keys() == {name.removeprefix(f"{baseline}-")}
         return
     sources = manifest["data"]["sources"] if kind == "difflight" else manifest["sources"]
-    assert not any("recorded" in file for files in sources.values() for file in files)
+    if strict:
+        assert list(sources) == [name.split("-")[1]]
+        assert not manifest["data"]["complete"]
+        assert manifest["data"]["settings"]["missing"]["pattern"] == name.split("-")[2]
+        assert manifest["data"]["settings"]["demand"] == "recorded"
+    else:
+        assert not any("recorded" in file for files in sources.values() for file in files)

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Sequence
 from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import NATIVE, controller_of, network_name, weights_of
+from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
+from tsc_missing.network.folder import network_name
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.weights.find import COMMAND
 from tsc_missing.weights.find import FIELD as WEIGHTS
@@ -16,7 +17,7 @@ METHODS = "methods"
 
 
 def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...], dict[str, str]]:
-    """The runs whose weights are there, and the methods without any with what makes them.
+    """The runs whose weights are there, and the methods that lack some with what makes them.
 
     Baselines have weights for one network each, so a method of these is named with its network.
     Unless they are to be skipped, ``UserError`` names those methods and the commands that make
@@ -41,7 +42,8 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         if problem is None:
             there.append(run)
         elif problem.field == WEIGHTS or (problem.field == "controller" and run.train):
-            lacking |= _lacks(run)
+            method, command = _lacks(run)
+            lacking[method] = _also(lacking.get(method), command)
         else:
             raise UserError(f"method {run.method}, {problem.field}", problem.value, problem.allowed)
     if lacking and not skip:
@@ -54,13 +56,19 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
     return tuple(there), lacking
 
 
-def _lacks(run: RunSpec) -> dict[str, str]:
+def _lacks(run: RunSpec) -> tuple[str, str]:
     """The method of a run without weights, and the command that makes these."""
     settings = run.settings
     if settings.controller in BASELINES:
         net = network_name(settings.net)
-        return {f"{run.method} on {net}": train_command(settings.controller, net)}
-    return {run.method: run.train or COMMAND}
+        return f"{run.method} on {net}", train_command(settings.controller, net)
+    return run.method, run.train or COMMAND
+
+
+def _also(commands: str | None, command: str) -> str:
+    """Shell commands, one after the other, with another one that may be among them."""
+    before = commands.split("; ") if commands else []
+    return "; ".join(dict.fromkeys([*before, command]))
 
 
 def lacking_words(lacking: dict[str, str]) -> str:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from tsc_missing.batch.keys import SETTINGS, dotted, leaves, nested, overlap
 from tsc_missing.batch.keys import Path as Key
 from tsc_missing.config import RunSettings, Settings
+from tsc_missing.controllers.diffusion_weights import fill_in
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.evaluation.overview import missing_words
 from tsc_missing.files import first_problem
@@ -187,6 +188,8 @@ class _Reader:
                 settings[part] = single
         try:
             run = RunSettings.model_validate(nested(settings))
+            if isinstance(about.get("train"), str):
+                about = {**about, "train": fill_in(about["train"], run)}
             return RunSpec(**about, **_labels(method, run, settings, varied), settings=run)
         except ValidationError as error:
             self._wrong(where, first_problem(error))

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tsc_missing.config import RunSettings
+from tsc_missing.controllers.registry import weights_of
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Prepared
 
@@ -21,9 +22,24 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    for warning in warnings(result):
+    for warning in [*warnings(result), *_observed_in_the_log(prepared)]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
+
+
+def _observed_in_the_log(prepared: Prepared) -> list[str]:
+    if not weights_of(prepared.settings):
+        return []
+    from tsc_missing.evaluation.blind_set import observed_in_the_log
+
+    found = observed_in_the_log(prepared)
+    if found is None:
+        return []
+    ids, seed = found
+    return [
+        f"the log that the weights learned from observed {len(ids)} of the blind intersections "
+        f"({', '.join(ids)}); with --mask-seed {seed} it observed none of them"
+    ]
 
 
 def heading(prepared: Prepared) -> str:

@@ -54,6 +54,11 @@ class DiffLight(Controller):
         self._q = None if q_weights is None else load_q(q_weights)
         self._planned: Planned | None = None
 
+    @property
+    def is_published(self) -> bool:
+        """Whether its model is that of the paper, without what was added here."""
+        return self._planner.model.config.is_published
+
     def reset(self, context: ControlContext) -> None:
         """Forget everything and get ready for a run on the context's network."""
         self._planned = None

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.baselines.config import train_command
@@ -11,6 +10,7 @@ from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.difflight import DiffLight
+from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion_of
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
 from tsc_missing.controllers.max_pressure import MaxPressure
@@ -20,7 +20,7 @@ from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import DIFFUSION, check_imputer, make_imputer
-from tsc_missing.network.folder import canonical
+from tsc_missing.network.folder import network_name
 from tsc_missing.simulation.native import AS_BUILT, KINDS
 from tsc_missing.weights.find import FIELD, find_weights, packaged_weights
 
@@ -65,14 +65,17 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
 def weights_of(settings: RunSettings) -> tuple[str, ...]:
     """The names or paths of the weights that a run's controller and imputer use; often none."""
     name, q_weights = settings.controller, settings.q_weights
+    diffusion = diffusion_of(settings).weights
+    if name == DIFFLIGHT_PAPER:
+        return (diffusion,)
     if name == DIFFLIGHT:
         value = (VALUE if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
-        return (settings.diffusion.weights, *(value if by_value else ()))
+        return (diffusion, *(value if by_value else ()))
     learned = name in (*LEARNED, *BASELINES)
     found = (policy_weights(name, q_weights, settings.net),) if learned else ()
     fills = bool(found) or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
-    imputer = (settings.diffusion.weights,) if fills and settings.imputer == DIFFUSION else ()
+    imputer = (diffusion,) if fills and settings.imputer == DIFFUSION else ()
     return (*found, *imputer)
 
 
@@ -86,11 +89,6 @@ def policy_weights(controller: str, q_weights: str, net: str) -> str:
     if q_weights != "auto":
         return q_weights.replace("{net}", network_name(net))
     return f"{controller}-{network_name(net)}" if controller in BASELINES else controller
-
-
-def network_name(net: str) -> str:
-    """The name of a network given by its name or its folder."""
-    return Path(canonical(net)).resolve().name
 
 
 def uses_weights(settings: RunSettings) -> bool:
@@ -112,20 +110,24 @@ def make_controller(
     Where it decides on values no slot with a vehicle is red for longer than ``max_red`` [s], if
     that is not 0; fixed plans are left as they are.
     The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
-    values at blind intersections come from. ``q_weights`` are those of a learned policy, a name
-    or a path; "auto" are packaged ones, of baselines those for the network ``net``. Raises
-    ``UserError`` for names that are unknown and for weights that cannot be used.
+    values at blind intersections come from, and for ``difflight-paper``. ``q_weights`` are those of
+    a learned policy, a name or a path; "auto" are packaged ones, of baselines those for the network
+    ``net``. Raises ``UserError`` for names that are unknown and for weights that cannot be used.
     """
-    if name not in (DIFFLIGHT, *CONTROLLERS, *LEARNED, *BASELINES):
-        known = [*CONTROLLERS, *LEARNED, *BASELINES, DIFFLIGHT, *NATIVE]
+    if name not in (DIFFLIGHT, DIFFLIGHT_PAPER, *CONTROLLERS, *LEARNED, *BASELINES):
+        known = [*CONTROLLERS, *LEARNED, *BASELINES, DIFFLIGHT, DIFFLIGHT_PAPER, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
     if blind == "auto":
-        blind = "none" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
+        generates = imputer == DIFFUSION and name != DIFFLIGHT
+        blind = "none" if generates or name == DIFFLIGHT_PAPER else "fixed-time"
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
     check_imputer(imputer)
     if name == DIFFLIGHT:
         decides = _difflight(diffusion or DiffusionSettings(), q_weights)
+        return BLIND[blind](bounded(decides, max_red))
+    if name == DIFFLIGHT_PAPER:
+        decides = _published(diffusion or DiffusionSettings())
         return BLIND[blind](bounded(decides, max_red))
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights, net), True)
     if not entry.needs_values:
@@ -140,7 +142,7 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.controller,
         settings.imputer,
         settings.blind,
-        settings.diffusion,
+        diffusion_of(settings),
         settings.q_weights,
         settings.signals.max_red,
         settings.net,
@@ -167,6 +169,20 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
         settings.scoring,
         find_weights(VALUE if q_weights == "auto" else q_weights) if by_value else None,
     )
+
+
+def _published(settings: DiffusionSettings) -> Controller:
+    """The method as its paper has it: the inverse dynamics decides, everywhere."""
+    path = find_weights(settings.weights)
+    controller = DiffLight(path, settings.sampling_steps, "inverse")
+    if not controller.is_published:
+        raise UserError(
+            "weights",
+            path,
+            "weights of the method as published; `python -m tools.strict NET PATTERN "
+            "--method paper` makes some",
+        )
+    return controller
 
 
 def _learned(name: str, q_weights: str, net: str) -> Controller:

@@ -8,6 +8,14 @@ from tsc_missing.config import Settings
 
 Precision = Literal["float32", "bfloat16"]
 
+PUBLISHED = {  # what was added here to the method, switched off
+    "predict": "noise",
+    "known_flag": False,
+    "own_signals": False,
+    "slot_identity": False,
+    "downstream": False,
+}
+
 
 class ScalingSettings(Settings):
     """Fixed scales that bring measurements to the size of the noise."""
@@ -66,11 +74,9 @@ class DiffLightConfig(Settings):
     @classmethod
     def as_published(cls) -> "DiffLightConfig":
         """The method as its paper has it, without what was added here."""
-        return cls(
-            predict="noise",
-            heads=4,
-            known_flag=False,
-            own_signals=False,
-            slot_identity=False,
-            downstream=False,
-        )
+        return cls.model_validate({**PUBLISHED, "heads": 4})
+
+    @property
+    def is_published(self) -> bool:
+        """Whether nothing that was added here is switched on; sizes may differ."""
+        return all(getattr(self, name) == value for name, value in PUBLISHED.items())

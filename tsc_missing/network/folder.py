@@ -140,6 +140,11 @@ def canonical(name: str) -> str:
     return f"{name}_1" if name in bundled_cities() else name
 
 
+def network_name(net: str) -> str:
+    """The name of a network given by its name or its folder."""
+    return Path(canonical(net)).resolve().name
+
+
 def unknown_network(name: str) -> UserError:
     """The error for a name that is neither bundled nor imported nor a folder."""
     known = {*bundled_profiles(), *bundled_cities(), *imported_networks()}

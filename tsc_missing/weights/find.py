@@ -20,20 +20,29 @@ def packaged_weights() -> list[str]:
 def find_weights(name: str) -> Path:
     """The file of the packaged weights ``name``, or of those at the path ``name``.
 
-    A path is that of a weights file or of a folder with a ``weights.safetensors``. Raises
-    ``UserError`` where there is neither.
+    A path is that of a weights file or of a folder with a ``weights.safetensors``; a name may also
+    be that of a training in ``runs``. Raises ``UserError`` where there is none of these.
     """
     packaged = packaged_weights()
     if name in packaged:
         return FOLDER / name / FILE
-    for path in (Path(name, FILE), Path(name)):
+    for path in (Path(name, FILE), Path(name), Path("runs", f"train-{name}", FILE)):
         if _is_file(path):
             return path
     allowed = "allowed: the path of a file, as none come with this installation"
     if packaged:
         allowed = f"{nearest(name, packaged)}, or the path of a file"
-    training = name if name in bundled_trainings() else DEFAULT
-    raise UserError(FIELD, name or "nothing", f"{allowed}; `tsc-train {training}` makes some")
+    raise UserError(FIELD, name or "nothing", f"{allowed}; `{_command(name)}` makes some")
+
+
+def _command(name: str) -> str:
+    """What makes weights of that name, or else the default ones."""
+    method, _, log = name.partition("-")
+    net, _, pattern = log.rpartition("-")
+    if method in ("strict", "paper") and net and pattern in ("random", "kriging"):
+        option = "" if method == "strict" else f" --method {method}"
+        return f"python -m tools.strict {net} {pattern}{option}"
+    return f"tsc-train {name if name in bundled_trainings() else DEFAULT}"
 
 
 def _is_file(path: Path) -> bool:
