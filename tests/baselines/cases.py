@@ -19,7 +19,11 @@ TINY = {
     "warm_up": 2,
     "log_steps": 4,
 }
-OWN = {"cql-model-based": {"reward_steps": 5}}
+OWN = {
+    "cql-model-based": {"reward_steps": 5},
+    "decision-diffuser": {"sampling_steps": 2},
+    "diffuser": {"sampling_steps": 2},
+}
 
 
 def tiny(name, data, **changes):

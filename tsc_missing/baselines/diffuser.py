@@ -39,11 +39,11 @@ class ReturnModel(nn.Module):
         self.down = Block(width, 2 * width, width)
         self.out = nn.Linear(2 * width, 1)
 
-    def forward(self, x: Tensor, k: Tensor, there: Tensor, features: Tensor) -> Tensor:
-        """(R,) of x^k (R, channels, T), ``k`` (R,) or (1,), (R, 1, T) and (R, 12, N_NAMES)."""
-        condition = self.present(features) + self.diffusion_step(k)
-        top = self.enter(torch.cat((x, there), dim=1), condition)
-        low = self.down(nn.functional.avg_pool1d(top, 2), condition)
+    def forward(self, x: Tensor, k: Tensor, there: Tensor, present: Tensor) -> Tensor:
+        """(R,) of x^k (R, channels, T), ``k`` (R,) or (1,), ``there`` (R, 1, T), (R, D)."""
+        e = present + self.diffusion_step(k)
+        top = self.enter(torch.cat((x, there), dim=1), e)
+        low = self.down(nn.functional.avg_pool1d(top, 2), e)
         found: Tensor = self.out(low.mean(dim=-1)).squeeze(-1)
         return found
 
@@ -63,22 +63,22 @@ class DiffuserPolicy(Planner):
 
     def denoiser(self, features: Tensor, there: Tensor) -> Denoiser:
         """Guided up the gradient of the return."""
-        present = self.present(features)
+        present, of_value = self.present(features), self.value.present(features)
 
         def denoise(x: Tensor, k: Tensor) -> Tensor:
             x0: Tensor = self.model(x, k, there, present)
             if self.guidance == 0:
                 return x0
             scale = self.guidance * (1 - self.schedule.alpha_bar[k].float())
-            return x0 + scale * self.ascent(x, k, there, features)
+            return x0 + scale * self.ascent(x, k, there, of_value)
 
         return denoise
 
-    def ascent(self, x: Tensor, k: Tensor, there: Tensor, features: Tensor) -> Tensor:
+    def ascent(self, x: Tensor, k: Tensor, there: Tensor, present: Tensor) -> Tensor:
         """(R, channels, T): ∇J, also where no gradients are kept."""
         with torch.inference_mode(False), torch.enable_grad():
             x = x.detach().clone().requires_grad_()
-            value = self.value(x, k.clone(), there.clone(), features.clone())
+            value = self.value(x, k.clone(), there.clone(), present.clone())
             (gradient,) = torch.autograd.grad(value.sum(), x)
         return gradient
 
@@ -136,6 +136,6 @@ class Diffuser(PlanLearner):
         x0, x, k, there = self.noised(planner, batch, generator)
         features = self.features_now(batch)
         found = planner.model(x, k, there, planner.present(features))
-        value = planner.value(x, k, there, features)
+        value = planner.value(x, k, there, planner.value.present(features))
         value_error = (value - planner.returns(self.return_now(batch))).square().mean()
         return self.error(planner, batch, x0, found), value_error
