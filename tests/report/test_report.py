@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from tests.report.cases import make_batch
 from tsc_missing.batch.table import write_table
 from tsc_missing.report.figures import _generalisation
+from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.markdown import escaped, mean_words, signed
 from tsc_missing.report.paper import paper_table
 from tsc_missing.report.queue_map import map_runs
+from tsc_missing.report.queues import smooth
 from tsc_missing.report.results import read_results
 from tsc_missing.report.statistics import mean_of, paired, ratio_of
-from tsc_missing.report.style import looks
+from tsc_missing.report.style import COLOURS, GREY, End, label_ends, looks, panels
 from tsc_missing.report.tables import (
     best_conventional,
     comparison_table,
@@ -104,13 +106,13 @@ def test_tables(results):
 
     assert best_conventional(results, "jinan_1", "random 50 %", "att_all") == "max-queue"
     compared = cells(comparison_table(results, "jinan_1", "att_all"))
-    assert compared["max-queue"]["none"] == "best"
-    assert compared["*against*"]["kriging 25 %"] == "max-queue"
+    assert compared["max-queue"]["none"] == "base"
+    assert compared["*base*"]["kriging 25 %"] == "max-queue"
     assert compared["max-pressure"]["none"].startswith("+16.5 % [+16.")
-    assert compared["Diff\\_Light"]["none"].startswith("−3.3 % [−3.")
+    assert compared["Diff\\_Light"]["none"] == "−3.3 %"  # [−3.3, −3.3] would look certain
     pooled = cells(pooled_table(results, "att_all"))
-    assert pooled["Diff\\_Light"]["cases better"] == "3 of 3"
-    assert pooled["max-queue"]["pairs"] == "9"
+    assert pooled["Diff\\_Light"]["better in"] == "3 of 3 cases"
+    assert pooled["max-queue"]["runs"] == "9"
 
 
 def test_the_paper_beside_ours(results):
@@ -140,7 +142,48 @@ def test_maps_are_of_blind_intersections(results):
 
 def test_no_two_methods_look_alike():
     names = [f"method {k}" for k in range(40)]
-    assert len(set(looks(names).values())) == 40
+    assert len(set(looks(names, names).values())) == 40
+    assert len(set(looks(names[:10], ()).values())) == 10
+    few = looks(names, names[3:5])
+    assert [name for name in names if few[name].colour != GREY] == names[3:5]
+    assert few[names[3]].colour != few[names[4]].colour
+
+
+def test_the_best_and_the_best_conventional_method_are_in_colour(results, monkeypatch):
+    assert leading_methods(results, "att_all") == results.methods
+    monkeypatch.setattr("tsc_missing.report.leading.COLOURS", COLOURS[:3])
+    monkeypatch.setattr("tsc_missing.report.leading.MOST", 2)
+    # delay_based has the smallest travel times but sees everything
+    assert leading_methods(results, "att_all") == ("Diff_Light", "max-queue")
+    monkeypatch.setattr("tsc_missing.report.leading.MOST", 1)
+    assert leading_methods(results, "att_all") == ("max-queue",)
+
+
+def test_queues_are_smoothed_over_five_minutes():
+    time = 15.0 * np.arange(240)
+    queue = 100 + 30 * np.sin(2 * np.pi * time / 75)  # a cycle of 75 s
+    inner = smooth(time, queue)[10:-10]
+    assert np.ptp(inner) < 5
+    assert inner.mean() == pytest.approx(100, abs=0.5)
+    assert smooth(time, 2 * time) == pytest.approx(2 * time, abs=2 * 150)
+    assert smooth(time, 2 * time)[10:-10] == pytest.approx(2 * time[10:-10])
+    assert smooth(np.zeros(1), np.ones(1)).tolist() == [1.0]
+
+
+@given(st.lists(st.floats(0, 3), min_size=1, max_size=9))
+def test_labels_of_lines_keep_apart_and_in_order(values):
+    _, (axes,) = panels(1, 0)
+    axes.set_ylim(0, 2)
+    label_ends(axes, [End(1.0, value, f"m{k}", GREY) for k, value in enumerate(values)])
+    shown = sorted(axes.texts, key=lambda text: text.xyann[1])
+    places = np.array([text.xyann[1] for text in shown])
+    assert places[-1] <= 1 + 1e-9
+    assert (np.diff(places) > 0.04).all()
+    order = [min(values[int(text.get_text().split()[0][1:])], 2.0) for text in shown]
+    assert order == sorted(order)
+    for text in shown:
+        value = values[int(text.get_text().split()[0][1:])]
+        assert ("↑" in text.get_text()) == (value > 2)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +235,7 @@ def test_the_command_makes_a_report_and_replaces_it(command, tmp_path):
 
     again = command("report", "b", "--metric", "att_approach")
     assert again.returncode == 0, again.stderr
-    assert "`att_approach` as mean" in (out / "report" / "report.md").read_text()
+    assert "`att_approach` (mean time on the roads" in (out / "report" / "report.md").read_text()
     assert sorted(p.name for p in out.iterdir()) == ["batch.json", "failures", "report", "runs"]
 
 

@@ -18,7 +18,8 @@ OVERHEAD = Target(ONE, BARE, "wall", 1.05)
 SPEED_UP = 1.85  # at least, of two workers over one
 MEMORY_RUNS = 50
 MEMORY_HORIZON = 300  # [s] of each of them
-GROWTH = 1.02  # at most, of a worker's memory from its tenth to its last run
+EARLY = 10  # the run from which on a worker's memory should stay as it is
+GROWTH = 1.02  # at most, of its memory from then to its last run
 POLL = 0.05  # [s]
 
 
@@ -35,11 +36,13 @@ def bench_batch(case: Case, rounds: int, tell: Callable[[str], None]) -> dict[st
     print(f"two workers are {show(faster, 2)} times as fast, target at least {SPEED_UP}: {met}")
     tell("memory of a worker")
     memory = worker_memory(_suite(case, "memory", MEMORY_RUNS, MEMORY_HORIZON), case.folder)
-    growth = memory[-1] / memory[9]
+    first, last = min(run for run in memory if run >= EARLY), max(memory)
+    growth = memory[last] / memory[first]
     met = "met" if growth <= GROWTH else "MISSED"
+    shown = [run for run in memory if run in (1, first, MEMORY_RUNS // 2, last)]
     print(
-        f"memory of one worker after 1, 10, 25 and {MEMORY_RUNS} runs: "
-        f"{', '.join(f'{memory[k]:.0f}' for k in (0, 9, 24, -1))} MB; from the tenth on "
+        f"memory of one worker in runs {', '.join(map(str, shown))}: "
+        f"{', '.join(f'{memory[run]:.0f}' for run in shown)} MB; from run {first} on "
         f"× {growth:.3f}, target at most {GROWTH}: {met}"
     )
     return {"controller": case.controller, "memory": memory, **values(costs, BARE)}
@@ -80,8 +83,11 @@ def _bare(case: Case) -> Program:
     return Program(BARE, command)
 
 
-def worker_memory(suite: Path, scratch: Path) -> list[float]:
-    """[MB]: the largest resident set of the one worker by the run that it was at."""
+def worker_memory(suite: Path, scratch: Path) -> dict[int, float]:
+    """[MB]: the largest resident set that was seen of the one worker, by the run that it was at.
+
+    A run that was over too soon to be seen is left out.
+    """
     out = scratch / "memory"
     command = [*_command(suite, 1, out), f"--runs-per-process={MEMORY_RUNS}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -90,9 +96,11 @@ def worker_memory(suite: Path, scratch: Path) -> list[float]:
         done = len(list((out / "runs").glob("[!.]*"))) if out.is_dir() else 0
         peaks[done] = max(peaks.get(done, 0.0), _resident(process.pid))
         time.sleep(POLL)
-    found = [peaks[k] for k in range(MEMORY_RUNS) if peaks.get(k)]
-    if process.returncode != 0 or len(found) < MEMORY_RUNS // 2:
+    if process.returncode != 0:
         raise BenchError(f"the batch for the memory ended with {process.returncode}")
+    found = {done + 1: peaks[done] for done in range(MEMORY_RUNS) if peaks.get(done)}
+    if not found or max(found) < MEMORY_RUNS - EARLY:
+        raise BenchError(f"the memory of a worker was seen in runs {list(found)} only")
     return found
 
 

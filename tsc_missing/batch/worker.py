@@ -22,6 +22,9 @@ from tsc_missing.batch.task import Task, listen_to_nobody, run_task
 from tsc_missing.versions import versions
 
 stopping = threading.Event()  # set while this process ends its workers
+# loky replaces a process that has grown by more than this since its first call, and warns of a
+# leak. The first run that loads torch grows by more; here processes are replaced by number of runs.
+GROWTH = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"}  # [B], so never
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMEXPR")
 IDLE = 60.0  # [s] after which a process without a run ends by itself
 
@@ -94,7 +97,7 @@ class Worker:
                 1,
                 timeout=IDLE,
                 initializer=listen_to_nobody,
-                env={**threads, "TMPDIR": str(self._scratch)},
+                env={**threads, **GROWTH, "TMPDIR": str(self._scratch)},
             )
             self._runs = 0
             self.process = self._executor.submit(os.getpid).result()

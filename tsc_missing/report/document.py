@@ -3,6 +3,7 @@
 import base64
 import html
 import io
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -12,10 +13,11 @@ from matplotlib.figure import Figure
 from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
 from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
+from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
 from tsc_missing.report.queue_map import map_runs, queue_map
-from tsc_missing.report.queues import queue_figure
+from tsc_missing.report.queues import MINUTE, SMOOTH, queue_figure
 from tsc_missing.report.results import Results
 from tsc_missing.report.tables import (
     SEES_ALL,
@@ -27,6 +29,10 @@ from tsc_missing.report.tables import (
 )
 
 FIGURES = "figures"
+METRIC_WORDS = {
+    "att_all": " (mean travel time over all demand, waiting to enter included, in s)",
+    "att_approach": " (mean time on the roads that lead to signals, in s)",
+}
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 64rem; margin: 2rem auto;
@@ -77,7 +83,8 @@ def make_report(results: Results, metric: str, command: str = "") -> Report:
         *_figures(pictures),
         *_making(results, command),
     ]
-    return Report(title, "\n".join(lines).rstrip() + "\n", pictures)
+    text = re.sub(r"\n{3,}", "\n\n", "\n".join(lines))
+    return Report(title, text.rstrip() + "\n", pictures)
 
 
 def _about(results: Results) -> list[str]:
@@ -101,22 +108,32 @@ def _about(results: Results) -> list[str]:
 
 
 def _results(results: Results, metric: str) -> list[str]:
+    tables = []
+    for dataset in results.datasets:
+        tables += [f"### {escaped(dataset)}", *result_table(results, dataset, metric)]
     lines = [
         "## Results",
         "",
-        f"`{metric}` as mean ± standard error over seeds; the best of a case is **bold**, the "
-        "second <ins>underlined</ins>.",
+        f"`{metric}`{METRIC_WORDS.get(metric, '')}, as mean ± standard error over seeds. Of each "
+        "case (a column) the best mean is **bold** and the second <ins>underlined</ins>, whether "
+        "or not the difference is more than chance.",
         "",
     ]
+    if any("± 0.0" in line for line in tables):
+        lines += [
+            "± 0.0: the seeds make next to no difference. A recorded demand is the same for every "
+            "seed, and where nothing is missing no mask is drawn either.",
+            "",
+        ]
+    if any(re.search(r"\(\d+ of \d+\)", line) for line in tables):
+        lines += ["(2 of 3) is a mean over two of three seeds; the others failed or wait.", ""]
     if "reference" in results.kinds.values():
         lines += [
             f"{SEES_ALL} runs inside SUMO and sees everything, whatever is missing: a reference, "
             "not ranked.",
             "",
         ]
-    for dataset in results.datasets:
-        lines += [f"### {escaped(dataset)}", *result_table(results, dataset, metric)]
-    return lines
+    return lines + tables
 
 
 def _comparison(results: Results, metric: str) -> list[str]:
@@ -125,10 +142,11 @@ def _comparison(results: Results, metric: str) -> list[str]:
     lines = [
         "## Against the best conventional controller",
         "",
-        f"By how much `{metric}` is above (+) or below (−) that of the conventional method that "
-        "is best in the same case, paired by seed (same demand, same mask). In brackets the 95 % "
-        "interval of 10 000 bootstrap samples of the seeds; with few seeds it is a rough guide, "
-        "and too narrow. The best conventional method was chosen on the same runs, which flatters "
+        f"By how much `{metric}` is above (+, worse) or below (−, better) that of the "
+        "conventional method that is best in the same case (the base), paired by seed: same "
+        "demand, same mask. In brackets the 95 % interval of 10 000 bootstrap samples of the "
+        "seeds; with few seeds it is a rough guide, and too narrow. No brackets: all seeds agree "
+        "as printed, or there is only one. The base was chosen on the same runs, which flatters "
         "it.",
         "",
     ]
@@ -136,7 +154,15 @@ def _comparison(results: Results, metric: str) -> list[str]:
         lines += [f"### {escaped(dataset)}", *comparison_table(results, dataset, metric)]
     pooled = pooled_table(results, metric)
     if pooled:
-        lines += ["### All cases with missing data", *pooled]
+        lines += [
+            "### All cases with missing data",
+            "",
+            "The geometric mean of the ratios above over all datasets and cases with missing "
+            "data, seeds drawn anew within each; in how many of them the method is better than "
+            "the base on most seeds; and the number of its runs. A method counts with 0 % where it "
+            "is the base itself.",
+            *pooled,
+        ]
     return lines
 
 
@@ -148,9 +174,11 @@ def _paper(results: Results) -> list[str]:
         lines += [
             "## Beside the paper",
             "",
-            f"`{METRIC}`, the paper's metric, divided by that of {COMMON} with everything "
-            "observed: the paper's on CityFlow and ours on SUMO. Below 1 is better than that "
-            "controller.",
+            f"`{METRIC}`, the paper's metric, as a multiple of that of {COMMON} with everything "
+            f"observed in the same simulator: the paper's numbers over {COMMON} in CityFlow, which "
+            "was run for this (the paper does not have it), and ours over ours in SUMO. Below 1 is "
+            f"better than {COMMON} with everything observed; *ours / paper* below 1 means that our "
+            "run stands better to it than the paper's.",
             "",
         ]
         if not rows:
@@ -173,7 +201,10 @@ def _times(results: Results) -> list[str]:
     lines = time_table(results)
     if not any("." in line for line in lines[3:]):
         return []
-    head = "Median wall time of a decision for the whole network in ms, imputation included."
+    head = (
+        "Wall time of a decision for the whole network in ms, imputation included: the median of "
+        "each run, and of these the mean over cases and seeds."
+    )
     return ["## Decision time", "", head, *lines]
 
 
@@ -183,7 +214,7 @@ def _figures(pictures: tuple[Picture, ...]) -> list[str]:
     lines = ["## Figures", ""]
     for picture in pictures:
         lines += [
-            f"![{escaped(picture.words)}]({FIGURES}/{picture.name}.png)",
+            f"![{escaped(picture.words.partition('. ')[0])}]({FIGURES}/{picture.name}.png)",
             "",
             f"*{escaped(picture.words)}*",
             "",
@@ -196,31 +227,50 @@ def _pictures(results: Results, metric: str) -> Iterator[Picture]:
         (
             "missing-rate",
             rate_figure(results, metric),
-            "Travel time against the missing rate; bars are standard errors over seeds.",
+            "Travel time against the missing rate; bars are standard errors over seeds, and dotted "
+            f"what sees everything.{_scale_words(results, metric)} The scales do not begin at 0; "
+            "an arrow stands for a line that ends above the scale, with its value there.",
         ),
         (
             "generalisation",
             generalisation_figure(results, metric),
-            "Weights trained at one missing rate and tested at another, relative to those trained "
-            "at the tested rate.",
+            "Weights trained at one missing rate and tested at another: travel time divided by "
+            "that of the weights trained at the tested rate. Above 1 is worse than these.",
         ),
         (
             "imputation",
             imputation_figure(results, metric),
-            "Travel time against the error of imputation, mean over seeds.",
+            "Travel time against the error of imputation, means over seeds; a larger marker is a "
+            "larger missing rate. Methods that impute nothing are not shown.",
         ),
         (
             "queues",
-            queue_figure(results),
-            "Vehicles in queues over time in the whole network, mean over seeds.",
+            queue_figure(results, metric),
+            "Vehicles in queues over time in the whole network, mean over seeds and a moving mean "
+            f"over {SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
+            f"{_scale_words(results, metric)} Grey lines may leave the scale.",
         ),
     ]
     for run in map_runs(results, metric):
-        words = f"Mean queue of every road of {run.spec.dataset}, and which sensors are missing."
+        words = (
+            f"Mean queue of every road of {run.spec.dataset}, and which sensors are missing: "
+            f"{run.spec.method}, the best of {run.spec.case}, at its first seed."
+        )
         drawn.append((f"map-{run.spec.name}", queue_map(run), words))
     for name, figure, words in drawn:
         if figure is not None:
             yield Picture(name, figure, words)
+
+
+def _scale_words(results: Results, metric: str) -> str:
+    """What colours mean, where some methods are grey."""
+    leading = leading_methods(results, metric)
+    if len(leading) == len(results.methods):
+        return ""
+    return (
+        f" In colour the {len(leading)} methods that are best over all cases, the others grey; the "
+        "scale is that of the methods in colour."
+    )
 
 
 def _making(results: Results, command: str) -> list[str]:

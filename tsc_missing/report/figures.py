@@ -3,16 +3,32 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from tsc_missing.network.picture_style import INK, QUIET
+from tsc_missing.network.picture_style import INK
+from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.results import NOTHING_MISSING, Results
-from tsc_missing.report.statistics import mean_of
-from tsc_missing.report.style import MARKERS, add_legend, label, line_sample, looks, panels
+from tsc_missing.report.statistics import Mean, mean_of
+from tsc_missing.report.style import (
+    GREY,
+    End,
+    Look,
+    add_legend,
+    label,
+    label_ends,
+    line_sample,
+    looks,
+    panels,
+    scale_top,
+)
 
 Group = tuple[str, bool]  # a pattern, and whether kriging is adjacent
+Points = list[tuple[float, Mean]]
+
+DARK = 0.2  # relative luminance of a colour below which white words are easier to read
+MOST_TICKS = 6  # rates that are written below the axis as they are
 
 UNITS = {"att_all": "mean travel time (att_all), s", "att_approach": "time on approaches, s"}
 
@@ -35,34 +51,71 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
     ]
     if not wanted:
         return None
-    style = looks(results.methods)
-    figure, axes = panels(len(wanted), len(results.methods), columns=2)
+    style = looks(results.methods, leading_methods(results, metric))
+    figure, axes = panels(len(wanted), 0, columns=2, size=(4.2, 2.7))
     for panel, (dataset, group) in zip(axes, wanted, strict=True):
         rates = _rates(results, dataset, group)
-        for method in results.methods:
-            points = [
-                (100 * rate, mean)
-                for rate, case in rates.items()
-                if (mean := mean_of(list(results.values(dataset, case, method, metric).values())))
-            ]
-            if not points:
-                continue
-            look = style[method]
-            panel.errorbar(
-                [rate for rate, _ in points],
-                [mean.value for _, mean in points],
-                [mean.error or 0.0 for _, mean in points],
-                color=look.colour,
-                marker=look.marker,
-                linestyle=look.line,
-                markersize=4.5,
-                linewidth=1.4,
-                capsize=2,
-            )
+        lines = {
+            method: points
+            for method in results.methods
+            if (points := _points(results, dataset, rates, method, metric))
+        }
+        for method, points in lines.items():
+            _draw_line(panel, points, style[method])
+        _scale(panel, lines, style)
         label(panel, f"{dataset}, {_group_words(group)}", "missing, %", axis_words(metric))
-        panel.set_xlim(left=-2)
-    add_legend(figure, [line_sample(style[m], m) for m in results.methods])
+        last = 100 * max(rates)
+        if len(rates) <= MOST_TICKS:
+            panel.set_xticks([100 * rate for rate in rates])
+        for method, points in lines.items():
+            if results.kinds[method] == "reference" and points[-1][0] < last:
+                y = points[-1][1].value
+                panel.plot([points[-1][0], last], [y, y], color=GREY, lw=0.9, ls=":", zorder=1)
+        ends = [
+            End(last if results.kinds[m] == "reference" else x, mean.value, m, style[m].colour)
+            for m, points in lines.items()
+            for x, mean in points[-1:]
+        ]
+        label_ends(panel, ends)
     return figure
+
+
+def _points(
+    results: Results, dataset: str, rates: dict[float, str], method: str, metric: str
+) -> Points:
+    """Missing [%] and mean of a method's cases."""
+    return [
+        (100 * rate, mean)
+        for rate, case in rates.items()
+        if (mean := mean_of(list(results.values(dataset, case, method, metric).values())))
+    ]
+
+
+def _draw_line(panel: Axes, points: Points, look: Look) -> None:
+    grey = look.colour == GREY
+    panel.errorbar(
+        [x for x, _ in points],
+        [mean.value for _, mean in points],
+        [mean.error or 0.0 for _, mean in points],
+        color=look.colour,
+        marker=look.marker,
+        linestyle=look.line,
+        markersize=3.5 if grey else 4.5,
+        linewidth=0.9 if grey else 1.5,
+        capsize=2,
+        zorder=2 if grey else 3,
+    )
+
+
+def _scale(panel: Axes, lines: dict[str, Points], style: dict[str, Look]) -> None:
+    """The scale that the coloured lines fill."""
+    parts: tuple[list[float], list[float]] = ([], [])
+    for method, points in lines.items():
+        grey = style[method].colour == GREY
+        parts[grey].extend(mean.value + (mean.error or 0.0) for _, mean in points)
+    low = min(mean.value - (mean.error or 0.0) for all_ in lines.values() for _, mean in all_)
+    top = scale_top(*parts, low=low)
+    panel.set_ylim(low - 0.05 * (top - low), top)
 
 
 def _groups(results: Results, dataset: str) -> list[Group]:
@@ -123,14 +176,15 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
         panel.grid(visible=False)
         for (row, column), value in np.ndenumerate(matrix):
             if np.isfinite(value):
-                dark = abs(value - 1) > 0.65 * away
+                red, green, blue, _ = np.power(image.cmap(norm(value)), 2.2)
+                dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < DARK
                 panel.text(
                     column,
                     row,
-                    f"{value:.2f}",
+                    f"{value:.3f}",
                     ha="center",
                     va="center",
-                    size=9,
+                    size=8.5,
                     color="white" if dark else INK,
                 )
         rates = [case.rpartition(" ")[0].rpartition(" ")[2] for case in cases]
@@ -140,7 +194,7 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
         label(panel, title, "tested at, % missing", "trained at, % missing")
     assert image is not None
     bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("travel time / that of weights trained at the tested rate", size=8, color=INK)
+    bar.set_label("travel time / that of weights trained at the tested rate", size=8.5, color=INK)
     bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -160,43 +214,38 @@ def _generalisation(
 
 
 def imputation_figure(results: Results, metric: str) -> Figure | None:
-    """The metric against the error of imputation: colours are methods, markers are cases."""
-    points: dict[str, list[tuple[str, str, float, float]]] = {}
-    for cell in results.by_cell:
-        errors = results.values(cell.dataset, cell.case, cell.method, "imputation_mae")
-        values = results.values(cell.dataset, cell.case, cell.method, metric)
-        error, value = mean_of(list(errors.values())), mean_of(list(values.values()))
-        if error is not None and value is not None:
-            point = (cell.case, cell.method, error.value, value.value)
-            points.setdefault(cell.dataset, []).append(point)
-    if not points:
+    """The metric against the error of imputation: a panel a dataset and pattern.
+
+    A method's rates are joined by a line, and the more is missing the larger is the marker.
+    """
+    panels_: dict[tuple[str, Group], dict[str, list[tuple[float, float, float]]]] = {}
+    for dataset in results.datasets:
+        for group in _groups(results, dataset):
+            for rate, case in _rates(results, dataset, group).items():
+                for method in results.methods:
+                    errors = results.values(dataset, case, method, "imputation_mae")
+                    values = results.values(dataset, case, method, metric)
+                    error, value = mean_of(list(errors.values())), mean_of(list(values.values()))
+                    if error is not None and value is not None:
+                        lines = panels_.setdefault((dataset, group), {})
+                        lines.setdefault(method, []).append((rate, error.value, value.value))
+    if not panels_:
         return None
-    flat = [point for all_ in points.values() for point in all_]
-    cases = list(dict.fromkeys(case for case, _, _, _ in flat))
-    methods = list(dict.fromkeys(method for _, method, _, _ in flat))
-    style = looks(results.methods)
-    shapes = {case: MARKERS[k % len(MARKERS)] for k, case in enumerate(cases)}
-    figure, axes = panels(len(points), len(cases) + len(methods), columns=2)
-    for panel, (dataset, all_) in zip(axes, points.items(), strict=True):
-        for case, method, error_, value_ in all_:
-            panel.scatter(
-                error_,
-                value_,
-                s=34,
-                marker=shapes[case],
-                facecolor=style[method].colour,
-                edgecolor=INK,
-                linewidth=0.5,
-            )
-        label(panel, dataset, "imputation error, vehicles (mean absolute)", axis_words(metric))
-    blank = {"linestyle": "", "markeredgecolor": INK, "markeredgewidth": 0.5, "markersize": 6}
-    samples = [
-        Line2D([], [], marker="o", markerfacecolor=style[m].colour, label=m, **blank)  # type: ignore[arg-type]
-        for m in methods
-    ]
-    samples += [
-        Line2D([], [], marker=shapes[c], markerfacecolor=QUIET, label=c, **blank)  # type: ignore[arg-type]
-        for c in cases
-    ]
-    add_legend(figure, samples)
+    style = looks(results.methods, leading_methods(results, metric))
+    shown = [m for m in results.methods if any(m in lines for lines in panels_.values())]
+    figure, axes = panels(len(panels_), len(shown), columns=2)
+    for panel, ((dataset, group), lines) in zip(axes, panels_.items(), strict=True):
+        rates = sorted({rate for points in lines.values() for rate, _, _ in points})
+        for method, points in lines.items():
+            look = style[method]
+            _, x, y = zip(*points, strict=True)
+            panel.plot(x, y, color=look.colour, linestyle=look.line, linewidth=0.9)
+            sizes = [26.0 + 14.0 * rates.index(rate) for rate, _, _ in points]
+            panel.scatter(x, y, sizes, look.colour, look.marker, edgecolors=INK, lw=0.5, alpha=0.85)
+        words = f"{dataset}, {_group_words(group)}"
+        if len(rates) == 1:
+            words += f" at {100 * rates[0]:g} %"
+        label(panel, words, "imputation error, vehicles (mean absolute)", axis_words(metric))
+        panel.margins(0.08)
+    add_legend(figure, [line_sample(style[m], m) for m in shown])
     return figure

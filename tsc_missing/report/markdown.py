@@ -29,14 +29,18 @@ def mean_words(mean: Mean | None, digits: int = 1) -> str:
 
 
 def change_words(ratio: Ratio | None) -> str:
-    """For example ``−3.2 % [−4.0, −2.1]``: by how much it is more than its partner."""
+    """For example ``−3.2 % [−4.0, −2.1]``: by how much it is more than its partner.
+
+    An interval of no width as printed is left out: it would look like certainty.
+    """
     if ratio is None:
         return NOTHING
-    interval = ""
+    words = f"{signed(100 * (ratio.value - 1))} %"
     if ratio.interval is not None:
         low, high = (signed(100 * (end - 1)) for end in ratio.interval)
-        interval = f" [{low}, {high}]"
-    return f"{signed(100 * (ratio.value - 1))} %{interval}"
+        if low != high:
+            words += f" [{low}, {high}]"
+    return words
 
 
 def signed(value: float) -> str:

@@ -108,7 +108,9 @@ def paper_table(results: Results) -> list[str]:
         rows.append([*words, f"{one:.3f}", f"{other:.3f}", f"{other / one:.3f}"])
     if not rows:
         return []
-    return table(["dataset", "case", "method", "paper", "ours", "ours / paper"], rows, words=3)
+    return table(
+        ["dataset", "case", "method", "paper, ×", "ours, ×", "ours / paper"], rows, words=3
+    )
 
 
 def _common(results: Results, dataset: str) -> float | None:

@@ -28,6 +28,7 @@ from tsc_missing.network.roads import Road, read_roads
 from tsc_missing.network.slots import TURNS
 from tsc_missing.report.queues import read_queues
 from tsc_missing.report.results import Results, Run
+from tsc_missing.report.statistics import mean_of
 from tsc_missing.sensing.masks import load_mask
 
 QUEUES = "YlGnBu"
@@ -38,7 +39,7 @@ BAR = 2.3  # [inches]
 def map_runs(results: Results, metric: str) -> list[Run]:
     """For each dataset the run to draw: of the case that misses most whole intersections.
 
-    Of the methods that do not see everything the one with the smallest metric, its first seed.
+    Of the methods that do not see everything the one with the smallest mean, its first seed.
     """
     found = []
     for dataset in results.datasets:
@@ -50,9 +51,14 @@ def map_runs(results: Results, metric: str) -> list[Run]:
         if not runs:
             continue
         case = max(runs, key=_blindness).spec.case
-        there = [run for run in runs if run.spec.case == case and run.row[metric] is not None]
-        if there:
-            found.append(min(there, key=lambda run: float(run.row[metric])))
+        means = {
+            method: mean.value
+            for method in dict.fromkeys(run.spec.method for run in runs)
+            if (mean := mean_of(list(results.values(dataset, case, method, metric).values())))
+        }
+        if means:
+            seeds = results.of(dataset, case, min(means, key=lambda method: means[method]))
+            found.append(seeds[min(seeds)])
     return found
 
 
@@ -97,7 +103,7 @@ def _draw(
     entries = _legend(coverage, network.n)
     caption = (
         f"{run.spec.method}, {run.spec.case} missing, seed {run.spec.settings.seed}: mean queue "
-        f"{run.row['mean_queue']:.0f} vehicles, att_all {run.row['att_all']:.0f} s"
+        f"{run.row['mean_queue']:.0f}\u00a0vehicles, att_all\u00a0{run.row['att_all']:.0f}\u00a0s"
     )
     layout = choose_layout(sizes, len(entries), colours=True, caption=caption)
     figure = Figure(figsize=layout.figure, dpi=DPI, facecolor="white")

@@ -9,10 +9,12 @@ from matplotlib.figure import Figure
 from tsc_missing.evaluation.run_folder import DECISIONS
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.results import Results, Run
-from tsc_missing.report.style import add_legend, label, line_sample, looks, panels
+from tsc_missing.report.style import add_legend, label, line_sample, looks, panels, scale_top
 
 MINUTE = 60.0  # [s]
+SMOOTH = 300.0  # [s]
 
 
 def read_queues(run: Run) -> tuple[FloatArray, FloatArray] | None:
@@ -37,37 +39,67 @@ def total_queue(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray] | None:
     return read[0][0][:steps], mean
 
 
-def queue_figure(results: Results) -> Figure | None:
-    """The network's queue over time: a panel a dataset and case, a line a method."""
+def smooth(time: FloatArray, queue: FloatArray) -> FloatArray:
+    """The mean of (T,) over the ``SMOOTH`` seconds around each time, shorter at both ends.
+
+    In runs that are shorter than ten times that it is over a tenth of the run.
+    """
+    step = time[1] - time[0] if len(time) > 1 else 1.0
+    half = int(min(SMOOTH, 0.1 * len(time) * step) / step / 2)
+    sums = np.concatenate([[0.0], np.cumsum(queue)])
+    place = np.arange(len(queue))
+    first, last = np.maximum(0, place - half), np.minimum(len(queue), place + half + 1)
+    mean: FloatArray = (sums[last] - sums[first]) / (last - first)
+    return mean
+
+
+def queue_figure(results: Results, metric: str) -> Figure | None:
+    """The network's queue over time, smoothed: a panel a dataset and case, a line a method."""
     lines = {}
     for cell, runs in results.by_cell.items():
         found = total_queue(list(runs.values()))
         if found is not None:
-            lines[cell] = found
+            lines[cell] = (found[0], smooth(*found))
     wanted = list(dict.fromkeys((cell.dataset, cell.case) for cell in lines))
     if not wanted:
         return None
-    style = looks(results.methods)
-    figure, axes = panels(len(wanted), len(results.methods))
-    tops = {d: max(q.max() for c, (_, q) in lines.items() if c.dataset == d) for d, _ in wanted}
+    shown = [m for m in results.methods if any(cell.method == m for cell in lines)]
+    leading = [m for m in leading_methods(results, metric) if m in shown]
+    others = [m for m in shown if m not in leading]
+    style = looks(results.methods, leading)
+    figure, axes = panels(len(wanted), len(leading) + bool(others), size=(3.2, 2.7))
+    tops = {
+        dataset: scale_top(
+            *(
+                [q.max() for c, (_, q) in lines.items() if c.dataset == dataset and c.method in m]
+                for m in (leading, others)
+            ),
+            low=0.0,
+        )
+        for dataset, _ in wanted
+    }
     for panel, (dataset, case) in zip(axes, wanted, strict=True):
         for cell, (time, queue) in lines.items():
             if (cell.dataset, cell.case) == (dataset, case):
                 look = style[cell.method]
+                grey = cell.method in others
                 panel.plot(
                     time / MINUTE,
                     queue,
                     color=look.colour,
                     linestyle=look.line,
-                    linewidth=1.1,
-                    marker=look.marker,
+                    linewidth=0.8 if grey else 1.4,
+                    marker="" if grey else look.marker,
                     markersize=4,
                     markevery=_marks(len(time), results.methods.index(cell.method)),
+                    zorder=2 if grey else 3,
                 )
-        panel.set_ylim(0, 1.05 * max(1.0, float(tops[dataset])))
+        panel.set_ylim(0, tops[dataset])
         label(panel, f"{dataset}, {_missing(case)}", "time, min", "queue, vehicles")
-    shown = [m for m in results.methods if any(cell.method == m for cell in lines)]
-    add_legend(figure, [line_sample(style[m], m) for m in shown])
+    samples = [line_sample(style[m], m) for m in leading]
+    if others:
+        samples.append(line_sample(style[others[0]], "the other methods", marker=False))
+    add_legend(figure, samples)
     return figure
 
 

@@ -1,27 +1,31 @@
 """How the figures look: for print, and for people who see colours differently.
 
-The colours are those of Okabe and Ito (2008), without the yellow; markers and line styles differ
-too, so that methods can be told apart without colours.
+A few methods are in colour, the others grey (``leading.py`` chooses). The colours are those of
+Okabe and Ito (2008), without the yellow; markers and line styles differ too, so that methods can be
+told apart without colours.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from scipy.optimize import isotonic_regression
 
 from tsc_missing.network.picture_style import INK, QUIET
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+GREY = "#8d99a6"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
 LINES = ("-", (0, (5, 1.5)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
 DPI = 160
 PANEL = (3.6, 2.7)  # [inches]
 COLUMNS = 3
 LEGEND_LINE = 0.21  # [inches]
-TITLE = 0.45  # [inches]
+LABEL_LINE = 0.135  # [inches], of a label at the end of a line
 
 
 @dataclass(frozen=True)
@@ -33,16 +37,22 @@ class Look:
     line: object
 
 
-def looks(methods: Sequence[str]) -> dict[str, Look]:
-    """A look for each method; no two are alike for up to seventy."""
-    return {
-        method: Look(
-            COLOURS[k % len(COLOURS)],
-            MARKERS[k % len(MARKERS)],
-            LINES[(k // len(COLOURS) + k) % len(LINES)],
-        )
-        for k, method in enumerate(methods)
-    }
+def looks(methods: Sequence[str], coloured: Collection[str]) -> dict[str, Look]:
+    """A look for each method, those not ``coloured`` in grey.
+
+    No two in colour are alike for up to seventy, no two in grey for up to ten.
+    """
+    found = {}
+    colours = greys = 0
+    for method in methods:
+        if method in coloured:
+            k, colours = colours, colours + 1
+            line = LINES[(k // len(COLOURS) + k) % len(LINES)]
+            found[method] = Look(COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)], line)
+        else:
+            k, greys = greys, greys + 1
+            found[method] = Look(GREY, MARKERS[-1 - k % len(MARKERS)], LINES[0])
+    return found
 
 
 def panels(
@@ -100,6 +110,60 @@ def add_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
         handlelength=2.6,
         borderaxespad=0.3,
     )
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a line ends, in data, and the words that stand at its right."""
+
+    x: float
+    y: float
+    words: str
+    colour: str
+
+
+def scale_top(coloured: Sequence[float], others: Sequence[float], low: float) -> float:
+    """The upper end of a scale that begins at ``low``, so that the coloured lines fill it.
+
+    Other values are on it too if they do not take more than a third of it.
+    """
+    high = max(coloured, default=max(others, default=low))
+    room = high + 0.5 * (high - low)
+    top = max([high, *(value for value in others if value <= room)])
+    return top + max(0.06 * (top - low), 1e-9 * abs(top), 1e-9)
+
+
+def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
+    """Words beside the ends of lines, moved apart as far as they must; y limits are set before.
+
+    An end above the scale is named at its upper edge, with an arrow and its value.
+    """
+    if not ends:
+        return
+    low, high = axes.get_ylim()
+    height = axes.figure.get_figheight() * axes.get_position().height
+    gap = LABEL_LINE / height  # of the height of the axes
+    leader = {"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 1, "shrinkB": 3, "relpos": (0, 0.5)}
+    ends = sorted(ends, key=lambda end: end.y)
+    wanted = np.array([(min(end.y, high) - low) / (high - low) for end in ends])
+    steps = gap * np.arange(len(ends))
+    # the nearest places that are a gap apart and not above the axes
+    places = np.minimum(isotonic_regression(wanted - steps).x, 1.0 - steps[-1]) + steps
+    for end, y in zip(ends, places, strict=True):
+        above = end.y > high
+        words = f"{end.words} \u2191\u202f{end.y:.0f}" if above else end.words
+        axes.annotate(
+            words,
+            (end.x, min(end.y, high)),
+            (place, y),
+            textcoords="axes fraction",
+            va="center",
+            size=7.5,
+            color=end.colour if end.colour != GREY else QUIET,
+            parse_math=False,
+            annotation_clip=False,
+            arrowprops=None if above else leader | {"color": end.colour},
+        )
 
 
 def line_sample(look: Look, words: str, marker: bool = True) -> Line2D:

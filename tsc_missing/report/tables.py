@@ -78,7 +78,7 @@ def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
     rows = []
     for method in results.methods:
         cells = [
-            "best"
+            "base"
             if bases[case] == method
             else change_words(ratio_of([_pairs(results, dataset, case, method, base, metric)]))
             for case in cases
@@ -86,7 +86,7 @@ def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
         ]
         if any(cell != NOTHING for cell in cells):
             rows.append([named(results, method), *cells])
-    against = ["*against*", *(escaped(base) if base else NOTHING for base in bases.values())]
+    against = ["*base*", *(escaped(base) if base else NOTHING for base in bases.values())]
     return table(["method", *map(escaped, cases)], [against, *rows])
 
 
@@ -101,7 +101,7 @@ def _pairs(
 
 
 def pooled_table(results: Results, metric: str) -> list[str]:
-    """Each method against the best conventional one, over all datasets with missing data."""
+    """Each method against the best conventional one, over all cases with missing data."""
     strata = [
         (dataset, case)
         for dataset in results.datasets
@@ -120,11 +120,16 @@ def pooled_table(results: Results, metric: str) -> list[str]:
             continue
         better = sum(bool((p[:, 0] < p[:, 1]).sum() * 2 > len(p)) for p in there)
         rows.append(
-            [named(results, method), change_words(ratio), f"{better} of {len(there)}", str(ratio.n)]
+            [
+                named(results, method),
+                change_words(ratio),
+                f"{better} of {len(there)} cases",
+                str(ratio.n),
+            ]
         )
     if not rows:
         return []
-    return table(["method", "over all", "cases better", "pairs"], rows)
+    return table(["method", "over all cases", "better in", "runs"], rows)
 
 
 def time_table(results: Results) -> list[str]:

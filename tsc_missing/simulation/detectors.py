@@ -119,7 +119,11 @@ class Detectors:
             queue = [found[lane][HALTING_NUMBER] for lane in self._sensors]
         else:
             vehicles = list(map(self._domain.getLastStepVehicleNumber, self._lanes))
-            queue = list(map(self._domain.getLastStepHaltingNumber, self._sensors))
+            halting = self._domain.getLastStepHaltingNumber
+            queue = [
+                halting(lane) if count else 0
+                for lane, count in zip(self._sensors, vehicles, strict=False)
+            ]
         return np.array(vehicles, dtype=float), np.array(queue, dtype=float)
 
     def read(self) -> Measurement:

@@ -71,6 +71,7 @@ class Simulation:
             self._options.append(f"--begin={inputs.begin:.2f}")
         if inputs.additional:
             self._options.append(f"--additional-files={','.join(map(str, inputs.additional))}")
+        self._errors = -1  # the log's descriptor while it runs
         self.api: Any = None
 
     def __enter__(self) -> Self:
@@ -79,12 +80,15 @@ class Simulation:
                 "a simulation is already running in this process; close it first, or use another "
                 "process (libsumo holds one simulation a process)"
             )
-        self._log.unlink(missing_ok=True)
+        self._errors = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
         try:
-            with _stderr_to(self._log):
+            with _stderr_to(self._errors):
                 self.api = self._start()
-        except Exception as error:
-            raise SimulationError(self._reason(error)) from error
+        except BaseException as error:
+            os.close(self._errors)
+            if isinstance(error, Exception):
+                raise SimulationError(self._reason(error)) from error
+            raise
         Simulation._running = True
         return self
 
@@ -95,8 +99,11 @@ class Simulation:
         trace: TracebackType | None,
     ) -> None:
         Simulation._running = False
-        with _stderr_to(self._log):
-            self.api.close()
+        try:
+            with _stderr_to(self._errors):
+                self.api.close()
+        finally:
+            os.close(self._errors)
 
     def _start(self) -> Any:
         if self._engine == "libsumo":
@@ -114,7 +121,7 @@ class Simulation:
     def advance(self, until: float) -> None:
         """Simulate up to ``until`` [s] after the begin."""
         try:
-            with _stderr_to(self._log):
+            with _stderr_to(self._errors):
                 self.api.simulationStep(float(self._inputs.begin + until))
         except Exception as error:
             raise SimulationError(self._reason(error)) from error
@@ -148,15 +155,13 @@ def _start_traci(engine: EngineName, options: Sequence[str]) -> Any:
 
 
 @contextlib.contextmanager
-def _stderr_to(log: Path) -> Iterator[None]:
-    """Append what SUMO itself writes to the error stream to a file, not to the terminal."""
+def _stderr_to(target: int) -> Iterator[None]:
+    """What SUMO itself writes to the error stream goes to an open file, not to the terminal."""
     sys.stderr.flush()
     saved = os.dup(2)
-    target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     try:
         os.dup2(target, 2)
         yield
     finally:
         os.dup2(saved, 2)
         os.close(saved)
-        os.close(target)

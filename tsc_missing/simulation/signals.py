@@ -4,7 +4,8 @@
 that is sent, so that a fault in the plan stops the run before SUMO sees it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +23,23 @@ from tsc_missing.simulation.states import (
 )
 
 Send = Callable[[str, str], None]  # (traffic light id, state)
-Changes = tuple[tuple[int, str], ...]  # (link, its colour before and after)
+FORBIDDEN = {  # colours before and after
+    "gr": "from green to red without yellow",
+    "ry": "from red to yellow",
+    "yg": "from yellow back to green",
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """From one state to another: the links whose colour changes, and those that must have lasted.
+
+    A change to yellow asks for the minimum green, one from yellow to red for the yellow time.
+    """
+
+    links: tuple[int, ...]
+    from_green: tuple[int, ...]
+    from_yellow: tuple[int, ...]
 
 
 class SignalGuard:
@@ -30,50 +47,60 @@ class SignalGuard:
 
     def __init__(self, network: Network, settings: SignalSettings, send: Send) -> None:
         """Nothing has been sent yet; every link counts as red since long."""
-        self._network = network
-        self._settings = settings
+        self._nodes = network.intersections
         self._send = send
-        self._known: list[dict[tuple[str, str], Changes]] = [{} for _ in network.intersections]
-        self._states = ["r" * len(node.links) for node in network.intersections]
-        self._since = [[-np.inf] * len(node.links) for node in network.intersections]
+        self._min_green = [settings.min_green_at(node) for node in self._nodes]
+        self._yellow = [settings.yellow_at(node) for node in self._nodes]
+        self._known: list[dict[tuple[str, str], Change]] = [{} for _ in self._nodes]
+        self._states = ["r" * len(node.links) for node in self._nodes]
+        self._since = [[-np.inf] * len(node.links) for node in self._nodes]
 
     def send(self, n: int, state: str, time: float) -> None:
         """Send a state at ``time`` [s]; ``SignalSafetyError`` and nothing sent if it is unsafe."""
-        node, since = self._network.intersections[n], self._since[n]
-        changes = self._changes(n, state)
-        for link, change in changes:
-            self._check_change(node, link, change, time - since[link])
-        for link, _ in changes:
+        node, since = self._nodes[n], self._since[n]
+        change = self._change(n, state)
+        _check_lasted(node, "green", change.from_green, since, time, self._min_green[n])
+        _check_lasted(node, "yellow", change.from_yellow, since, time, self._yellow[n])
+        for link in change.links:
             since[link] = time
         self._states[n] = state
         self._send(node.id, sumo_state(node, state))
 
-    def _changes(self, n: int, state: str) -> Changes:
-        """The links whose colour changes, as "gy" for green to yellow; the state is legal."""
+    def _change(self, n: int, state: str) -> Change:
+        """The change to a state that is legal, by colours that may follow each other."""
         before = self._states[n]
         known = self._known[n].get((before, state))
         if known is None:
-            check_state(self._network.intersections[n], state, before)
+            node = self._nodes[n]
+            check_state(node, state, before)
             pairs = ((_colour(old), _colour(new)) for old, new in zip(before, state, strict=True))
-            known = tuple((link, a + b) for link, (a, b) in enumerate(pairs) if a != b)
+            colours = {link: a + b for link, (a, b) in enumerate(pairs) if a != b}
+            for link, words in colours.items():
+                if words in FORBIDDEN:
+                    raise SignalSafetyError(f"{node.id} link {link}: {FORBIDDEN[words]}")
+            known = Change(
+                tuple(colours),
+                tuple(link for link, words in colours.items() if words == "gy"),
+                tuple(link for link, words in colours.items() if words == "yr"),
+            )
             self._known[n][before, state] = known
         return known
 
-    def _check_change(
-        self, node: IntersectionRecord, number: int, change: str, lasted: float
-    ) -> None:
-        link = f"{node.id} link {number}"
-        yellow, min_green = self._settings.yellow_at(node), self._settings.min_green_at(node)
-        if change == "gr":
-            raise SignalSafetyError(f"{link}: from green to red without yellow")
-        if change == "gy" and lasted < min_green:
-            raise SignalSafetyError(f"{link}: green ends after {lasted:g} s, before {min_green} s")
-        if change == "yr" and lasted < yellow:
-            raise SignalSafetyError(f"{link}: yellow ends after {lasted:g} s, before {yellow} s")
-        if change == "ry":
-            raise SignalSafetyError(f"{link}: from red to yellow")
-        if change == "yg":
-            raise SignalSafetyError(f"{link}: from yellow back to green")
+
+def _check_lasted(
+    node: IntersectionRecord,
+    colour: str,
+    links: tuple[int, ...],
+    since: Sequence[float],
+    time: float,
+    least: float,
+) -> None:
+    for link in links:
+        if time - since[link] < least:
+            raise SignalSafetyError(
+                f"{node.id} link {link}: {colour} ends after {time - since[link]:g} s, "
+                f"before {least} s"
+            )
 
 
 def _colour(letter: str) -> str:

@@ -69,7 +69,7 @@ def _recorded(sent: Sent) -> Callable[[SignalGuard, int, str, float], None]:
 
     def recorded(guard: SignalGuard, n: int, state: str, time: float) -> None:
         send(guard, n, state, time)
-        sent.setdefault(guard._network.ids[n], {})[int(time)] = state
+        sent.setdefault(guard._nodes[n].id, {})[int(time)] = state
 
     return recorded
 
