@@ -7,7 +7,7 @@ that it leaves by and takes a shortest way there, and the shares choose among eq
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
@@ -26,12 +26,10 @@ from tsc_missing.demand.routing import (
 from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.errors import UserError
 from tsc_missing.files import parse, read_json
+from tsc_missing.network.plain import PlainNetwork
 from tsc_missing.network.records import NetworkRecord
 from tsc_missing.network.slots import TURNS
 from tsc_missing.seeding import stream
-
-if TYPE_CHECKING:
-    from tsc_missing.network.plain import PlainNetwork
 
 FIELD = "demand"
 
@@ -85,7 +83,7 @@ def read_profile(path: Path) -> DemandProfile:
     return parse(_ADAPTER, read_json(path, FIELD), FIELD, path)
 
 
-def plain_turns(plain: "PlainNetwork") -> dict[str, dict[str, int]]:
+def plain_turns(plain: PlainNetwork) -> dict[str, dict[str, int]]:
     """The turns that a plain network's movements make."""
     turns: dict[str, dict[str, int]] = {}
     for node in plain.nodes.values():

@@ -241,7 +241,9 @@ def imputation_figure(results: Results, metric: str) -> Figure | None:
             _, x, y = zip(*points, strict=True)
             panel.plot(x, y, color=look.colour, linestyle=look.line, linewidth=0.9)
             sizes = [26.0 + 14.0 * rates.index(rate) for rate, _, _ in points]
-            panel.scatter(x, y, sizes, look.colour, look.marker, edgecolors=INK, lw=0.5, alpha=0.85)
+            panel.scatter(
+                x, y, sizes, look.colour, marker=look.marker, edgecolors=INK, lw=0.5, alpha=0.85
+            )
         words = f"{dataset}, {_group_words(group)}"
         if len(rates) == 1:
             words += f" at {100 * rates[0]:g} %"

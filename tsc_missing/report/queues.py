@@ -10,8 +10,10 @@ from tsc_missing.evaluation.run_folder import DECISIONS
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.report.leading import leading_methods
-from tsc_missing.report.results import Results, Run
+from tsc_missing.report.results import Cell, Results, Run
 from tsc_missing.report.style import add_legend, label, line_sample, looks, panels, scale_top
+
+Line = tuple[FloatArray, FloatArray]  # times [s] and queues [vehicles]
 
 MINUTE = 60.0  # [s]
 SMOOTH = 300.0  # [s]
@@ -69,13 +71,7 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
     style = looks(results.methods, leading)
     figure, axes = panels(len(wanted), len(leading) + bool(others), size=(3.2, 2.7))
     tops = {
-        dataset: scale_top(
-            *(
-                [q.max() for c, (_, q) in lines.items() if c.dataset == dataset and c.method in m]
-                for m in (leading, others)
-            ),
-            low=0.0,
-        )
+        dataset: scale_top(_peaks(lines, dataset, leading), _peaks(lines, dataset, others), low=0.0)
         for dataset, _ in wanted
     }
     for panel, (dataset, case) in zip(axes, wanted, strict=True):
@@ -101,6 +97,15 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
         samples.append(line_sample(style[others[0]], "the other methods", marker=False))
     add_legend(figure, samples)
     return figure
+
+
+def _peaks(lines: dict[Cell, Line], dataset: str, methods: Sequence[str]) -> list[float]:
+    """The largest queue of each line."""
+    return [
+        float(queue.max())
+        for cell, (_, queue) in lines.items()
+        if cell.dataset == dataset and cell.method in methods
+    ]
 
 
 def _marks(steps: int, number: int) -> tuple[int, int]:

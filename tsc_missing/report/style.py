@@ -141,7 +141,7 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
     if not ends:
         return
     low, high = axes.get_ylim()
-    height = axes.figure.get_figheight() * axes.get_position().height
+    height = axes.get_window_extent().height / DPI  # [inches]
     gap = LABEL_LINE / height  # of the height of the axes
     leader = {"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 1, "shrinkB": 3, "relpos": (0, 0.5)}
     ends = sorted(ends, key=lambda end: end.y)
