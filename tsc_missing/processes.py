@@ -1,7 +1,9 @@
 """Processes that run simulations, one at a time each."""
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -9,10 +11,13 @@ from contextlib import contextmanager
 
 @contextmanager
 def worker_processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of spawned processes that end with the block, even in the middle of a run."""
+    """A pool of spawned processes that end with the block, even in the middle of a run.
+
+    They also end if this process is killed.
+    """
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, context, initializer=_leave_signals)
+    pool = ProcessPoolExecutor(workers, context, initializer=_begin)
     try:
         yield pool
     except BaseException:
@@ -24,6 +29,14 @@ def worker_processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     pool.shutdown()
 
 
-def _leave_signals() -> None:
-    """Ctrl-C is for the parent, which ends its processes."""
+def _begin() -> None:
+    """Ctrl-C is for the parent, which ends its processes; they do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

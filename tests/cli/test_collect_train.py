@@ -100,7 +100,6 @@ def test_holes_and_their_blind_set(command, small_net):
     ("options", "words"),
     [
         (("--policy", "max-quue"), "did you mean max-queue"),
-        (("--policy", "attendlight"), "`tsc-train attendlight` makes some"),
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),
         (("--net", "jnan"), "did you mean"),
         (("--missing", "random", "--rate", "2"), "rate"),
