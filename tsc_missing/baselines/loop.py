@@ -198,7 +198,7 @@ class BaselineTraining:
             "data": self._dataset.about(),
             "seed": self.settings.seed,
             "steps": self.step,
-            "wall_seconds": round(self._wall, 1),
+            "wall_seconds": round(self._wall, 3),
             "held_out": self.held_out(),
             "versions": versions(),
             "git": git_revision(),
