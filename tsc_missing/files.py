@@ -116,3 +116,9 @@ def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Pa
         if isinstance(error, OSError):
             raise UserError(field, folder, f"cannot be written ({error.strerror})") from error
         raise
+
+
+def check_new_training(folder: Path) -> None:
+    """Raise ``UserError`` if a training that is to begin would write into one that is there."""
+    if folder.exists() and any(folder.iterdir()):
+        raise UserError("out", folder, "it is there already; --resume goes on with it")

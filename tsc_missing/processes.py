@@ -21,10 +21,10 @@ def worker_processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
             child.join()
+        pool.shutdown(cancel_futures=True)  # waits for its thread, which else fails at the exit
         raise
     pool.shutdown()
 

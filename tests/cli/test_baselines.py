@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("torch", reason="the baselines need torch")
 
 from tests.baselines.cases import queue_dataset
+from tests.cli.refusals import refused
 from tests.networks import grid_network
 
 CONFIG = """
@@ -28,16 +29,6 @@ def data(command):
 
 def write(command, algorithm="cql", more=""):
     (command.cwd / "b.toml").write_text(CONFIG.format(algorithm=algorithm) + more)
-
-
-def refused(command, name, *arguments, words):
-    done = command(name, *arguments)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ""
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1, done.stderr
-    for word in words:
-        assert word in done.stderr
 
 
 def test_train_and_run(command, data, small_net):

@@ -18,6 +18,7 @@ from tests.batch.cases import (
     wait_for,
     write_suite,
 )
+from tests.cli.refusals import refused
 
 LONG = 600_000  # [s] a horizon that no test waits for
 
@@ -146,25 +147,12 @@ def test_a_time_out_is_recorded_after_retries(command, small_net):
     assert half_written(command.cwd / "b") == []
 
 
-def refused(command, *arguments, words):
-    """``tsc-batch`` with a user's mistake: one line, nothing is left."""
-    before = sorted(command.cwd.rglob("*"))
-    done = command("batch", *arguments)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ""
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1, done.stderr
-    for word in words:
-        assert word in done.stderr
-    assert sorted(command.cwd.rglob("*")) == before
-
-
 def test_mistakes_are_found_before_anything_starts(command, small_net):
     write_suite(command, small_net, seeds="[]")
-    refused(command, "small.toml", words=["runs 1.seed", "it has no value"])
+    refused(command, "batch", "small.toml", words=["runs 1.seed", "it has no value"])
     write_suite(command, small_net, methods='["max-queue", "BC"]')
     lacking = "BC on small (`tsc-train bc --data data/small`)"
-    refused(command, "small.toml", words=[f"{lacking} have no weights", "--skip-"])
+    refused(command, "batch", "small.toml", words=[f"{lacking} have no weights", "--skip-"])
     done = command("batch", "small.toml", "--skip-unavailable", "--list")
     assert done.returncode == 0
     assert f"left out, no weights: {lacking}" in done.stderr
@@ -173,9 +161,11 @@ def test_mistakes_are_found_before_anything_starts(command, small_net):
     (command.cwd / "other").mkdir()
     (command.cwd / "other" / "file").touch()
     write_suite(command, small_net)
-    refused(command, "small.toml", "--out", "other", words=["--out", "something else is in it"])
+    refused(
+        command, "batch", "small.toml", "--out", "other", words=["--out", "something else is in it"]
+    )
     rate = ("--set", "missing={pattern='kriging', rate=0.9}")
-    refused(command, "small.toml", *rate, words=["rate", "0.9", "at most 3 of the 6"])
+    refused(command, "batch", "small.toml", *rate, words=["rate", "0.9", "at most 3 of the 6"])
 
 
 def test_results_of_other_versions_settings_and_inputs(command, small_net):
@@ -183,16 +173,18 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     done = command("batch", "small.toml", "--out", "b")
     assert done.returncode == 0, done.stderr
     words = ["holds runs/small-random-0.5-max-queue-seed0 with other settings", "horizon was 45"]
-    refused(command, "small.toml", "--out", "b", "--set", "horizon=60", words=words)
+    refused(command, "batch", "small.toml", "--out", "b", "--set", "horizon=60", words=words)
     path = command.cwd / "b" / "runs" / "small-random-0.5-max-queue-seed0" / "run.json"
     record = json.loads(path.read_text())
     path.write_text(json.dumps({**record, "checksums": {"net.net.xml": "0"}}))
-    refused(command, "small.toml", "--out", "b", words=["other checksums", "net.net.xml was 0"])
+    refused(
+        command, "batch", "small.toml", "--out", "b", words=["other checksums", "net.net.xml was 0"]
+    )
     path.write_text(json.dumps({**record, "versions": {"libsumo": "1.0"}}))
     words = ["other versions", "libsumo was 1.0", "--any-version"]
-    refused(command, "small.toml", "--out", "b", "--list", words=["other versions"])
+    refused(command, "batch", "small.toml", "--out", "b", "--list", words=["other versions"])
     path.write_text(json.dumps({**record, "versions": {**record["versions"], "libsumo": "1.0"}}))
-    refused(command, "small.toml", "--out", "b", words=words)
+    refused(command, "batch", "small.toml", "--out", "b", words=words)
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
 

@@ -83,6 +83,26 @@ def test_collect_go_on_train_resume(command, small_net):
     assert errors.count("\n") == 1
 
 
+def test_an_interrupted_collection_says_so_in_one_line(command, small_net):
+    words = ("--out", "data", "--net", small_net, "--demand", "recorded", "--horizon", 300)
+    whole = ("--volume-min", 1, "--volume-max", 1, "--episodes", 500, "--workers", 2)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tsc_missing.cli.collect", *map(str, (*words, *whole))],
+        cwd=command.cwd,
+        stderr=subprocess.PIPE,
+        env=dict(os.environ),
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list(command.cwd.glob("data/episodes/0*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.startswith("interrupted with ")
+    assert errors.count("\n") == 1, errors
+
+
 def test_holes_and_their_blind_set(command, small_net):
     done = collect(command, small_net, "--missing", "kriging", "--rate", 0.3)
     assert done.returncode == 0, done.stderr

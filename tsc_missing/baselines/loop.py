@@ -19,6 +19,7 @@ from tsc_missing.baselines.registry import make_learner
 from tsc_missing.baselines.transitions import read_logs
 from tsc_missing.baselines.weights import save_policy
 from tsc_missing.errors import UserError
+from tsc_missing.files import check_new_training
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.seeding import stream
 from tsc_missing.training import checkpoint
@@ -62,8 +63,8 @@ class BaselineTraining:
             )
         if resume:
             self._resume()
-        elif folder.exists() and any(folder.iterdir()):
-            raise UserError("out", folder, "it is there already; --resume goes on with it")
+        else:
+            check_new_training(folder)
         learner = self.learner
         self._logs, self._held_out = read_logs(
             dataset, settings, learner.length, learner.padded, learner.ahead, learner.discount

@@ -107,8 +107,8 @@ def make_controller(
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    Where it decides on values no slot with a vehicle is red for longer than ``max_red`` [s], if
-    that is not 0; fixed plans are left as they are.
+    Where it decides on values ``MaxRed`` bounds its reds by ``max_red`` [s], if that is not 0;
+    fixed plans are left as they are.
     The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
     values at blind intersections come from, and for ``difflight-paper``. ``q_weights`` are those of
     a learned policy, a name or a path; "auto" are packaged ones, of baselines those for the network

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from tsc_missing.config import RunSettings
-from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
+from tsc_missing.files import check_new_training
 from tsc_missing.offline.dataset import read_dataset
 from tsc_missing.offline.episode import play
 from tsc_missing.offline.log import EpisodeLog, read_log, write_log
@@ -100,8 +100,8 @@ class QTraining:
         self.round = 0
         if resume:
             self.round = load_learner(folder, settings, self.learner)
-        elif folder.exists() and any(folder.iterdir()):
-            raise UserError("out", folder, "it is there already; --resume goes on with it")
+        else:
+            check_new_training(folder)
 
     def run(
         self, workers: int, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False

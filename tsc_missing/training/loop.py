@@ -20,6 +20,7 @@ from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.weights import save_weights
 from tsc_missing.diffusion.windows import Windows, training_batch
 from tsc_missing.errors import UserError
+from tsc_missing.files import check_new_training
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
@@ -88,8 +89,8 @@ class Training:
         )
         if resume:
             self._resume()
-        elif folder.exists() and any(folder.iterdir()):
-            raise UserError("out", folder, "it is there already; --resume goes on with it")
+        else:
+            check_new_training(folder)
 
     @property
     def checkpoint(self) -> Path:
