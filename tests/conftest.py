@@ -1,6 +1,7 @@
 """Settings of all tests, and the small imported network that several of them run."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -37,15 +38,20 @@ def small_net(small_files, tmp_path_factory) -> Path:
 def command(tmp_path) -> Command:
     """Runs ``tsc-<name> arguments`` as a user does, in an empty folder with an empty data folder.
 
-    ``command.cwd`` is that folder.
+    ``command.cwd`` is that folder. ``command.start`` does not wait: it gives the process, which
+    listens to Ctrl-C as in a terminal (a background shell starts its processes deaf to it).
     """
     cwd = tmp_path / "cwd"
     cwd.mkdir()
 
+    environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path / "data")}
+
+    def words(name: str, arguments: tuple[object, ...]) -> list[str]:
+        return [sys.executable, "-m", f"tsc_missing.cli.{name}", *map(str, arguments)]
+
     def run(name: str, *arguments: object, **options: object) -> "subprocess.CompletedProcess[str]":
-        environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path / "data")}
         return subprocess.run(
-            [sys.executable, "-m", f"tsc_missing.cli.{name}", *map(str, arguments)],
+            words(name, arguments),
             cwd=cwd,
             env=environment,
             capture_output=True,
@@ -54,5 +60,17 @@ def command(tmp_path) -> Command:
             **options,
         )
 
+    def start(name: str, *arguments: object, **variables: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            words(name, arguments),
+            cwd=cwd,
+            env={**environment, **variables},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+
     run.cwd = cwd  # type: ignore[attr-defined]
+    run.start = start  # type: ignore[attr-defined]
     return run

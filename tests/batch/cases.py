@@ -1,9 +1,6 @@
 """Suites for tests, batches that run meanwhile, and what processes they have."""
 
-import os
-import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -44,16 +41,8 @@ def rows(folder):
 
 
 def start(command, *arguments, **environment):
-    """``tsc-batch`` in the background; listens to Ctrl-C as in a terminal."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "tsc_missing.cli.batch", *map(str, arguments)],
-        cwd=command.cwd,
-        env={**os.environ, "XDG_DATA_HOME": str(command.cwd / "data"), **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    """``tsc-batch`` in the background."""
+    return command.start("batch", *arguments, **environment)
 
 
 def wait_for(what, seconds=PATIENCE):

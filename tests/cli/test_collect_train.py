@@ -1,10 +1,7 @@
 """``tsc-collect`` and ``tsc-train`` as they are used."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -65,13 +62,7 @@ def test_collect_go_on_train_resume(command, small_net):
     assert "--resume" in again.stderr
 
     config(command, steps=1_000_000)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tsc_missing.cli.train", "c.toml", "--out", "long"],
-        cwd=command.cwd,
-        stderr=subprocess.PIPE,
-        env=dict(os.environ),
-        text=True,
-    )
+    process = command.start("train", "c.toml", "--out", "long")
     deadline = time.monotonic() + 60
     checkpoint = command.cwd / "long" / "checkpoint.safetensors"
     while not checkpoint.exists() and time.monotonic() < deadline:
@@ -86,13 +77,7 @@ def test_collect_go_on_train_resume(command, small_net):
 def test_an_interrupted_collection_says_so_in_one_line(command, small_net):
     words = ("--out", "data", "--net", small_net, "--demand", "recorded", "--horizon", 300)
     whole = ("--volume-min", 1, "--volume-max", 1, "--episodes", 500, "--workers", 2)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tsc_missing.cli.collect", *map(str, (*words, *whole))],
-        cwd=command.cwd,
-        stderr=subprocess.PIPE,
-        env=dict(os.environ),
-        text=True,
-    )
+    process = command.start("collect", *words, *whole)
     deadline = time.monotonic() + 60
     while not list(command.cwd.glob("data/episodes/0*")) and time.monotonic() < deadline:
         time.sleep(0.05)

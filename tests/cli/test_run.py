@@ -171,25 +171,9 @@ def test_import_under_a_name_then_run_it(command, small_files):
     assert again.returncode == 2
 
 
-def listen_to_interrupts():
-    """A background shell starts its processes deaf to SIGINT; a terminal does not."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "tsc_missing.cli.run",
-            *("--net", str(small_net), "--horizon", "600000", "--out", "runs/one"),
-        ],
-        cwd=command.cwd,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "TMPDIR": str(tmp_path)},
-        text=True,
-        preexec_fn=listen_to_interrupts,
-    )
+    words = ("--net", small_net, "--horizon", 600000, "--out", "runs/one")
+    process = command.start("run", *words, TMPDIR=str(tmp_path))
     deadline = time.monotonic() + 60
     while not list((command.cwd).glob("runs/.one.*")) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -229,5 +229,6 @@ class TestFindWeights:
 
     def test_none_at_all(self, tmp_path, monkeypatch):
         monkeypatch.setattr(find, "FOLDER", tmp_path / "nothing")
+        monkeypatch.chdir(tmp_path)
         with pytest.raises(UserError, match="none come with this installation"):
             find.find_weights("universal")
