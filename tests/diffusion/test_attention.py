@@ -17,9 +17,11 @@ def reference(q, k, v, mask):
     return torch.softmax(q @ k.transpose(1, 2) + mask.log(), dim=-1) @ v
 
 
+@pytest.mark.parametrize("size", [1, 30], ids=["small logits", "large logits"])
 @pytest.mark.parametrize("masked", [False, True])
-def test_is_softmax_attention(masked):
-    q, k, v = tensors(5, 4, 3)
+def test_is_softmax_attention(masked, size):
+    q, k, v = ((size * x).detach().requires_grad_() for x in tensors(5, 4, 3))
+    assert ((q @ k.transpose(1, 2)).abs().max() > 100) == (size > 1)
     mask = torch.ones(5, 1, 4, dtype=torch.float64)
     if masked:
         mask[::2, :, 1:3] = 0
