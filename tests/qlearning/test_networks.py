@@ -8,8 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.networks import grid_network, tee_network
-from tsc_missing.qlearning.features import N_NAMES, NAMES, SlotTables, columns, slot_features
-from tsc_missing.qlearning.networks import ALGORITHMS, NO_PHASE, Graph
+from tsc_missing.qlearning.features import (
+    N_NAMES,
+    NAMES,
+    SlotTables,
+    columns,
+    log_features,
+    names_with,
+    slot_features,
+)
+from tsc_missing.qlearning.networks import ALGORITHMS, NO_PHASE, Graph, PhaseValue
 
 NETWORKS = {"2 x 3": grid_network(2, 3), "tee": tee_network()}
 
@@ -56,9 +64,31 @@ def test_features_of_many_steps_are_those_of_each():
         assert (together[t] == slot_features(tables, values[t], red[t])).all()
 
 
+def test_the_past_is_that_of_the_steps_before():
+    network, names = NETWORKS["tee"], names_with(2)
+    values, red = observed(network, steps=(4,))
+    found = log_features(SlotTables.of(network, 15.0), values, red, 2)
+    assert found.shape == (4, network.n, 12, len(names))
+    for name in ("queue", "running", "green"):
+        now = found[..., names.index(name)]
+        for ago in (1, 2):
+            before = found[..., names.index(f"{name}_{ago}_ago")]
+            assert (before[ago:] == now[:-ago]).all()
+            assert (before[:ago] == now[0]).all()  # before the first step it was as in the first
+
+
+def test_looking_further_back_changes_nothing_by_itself():
+    network = NETWORKS["tee"]
+    x = torch.from_numpy(
+        log_features(SlotTables.of(network, 15.0), *observed(network, steps=(6,)), 4)
+    )
+    short, long, graph = PhaseValue(8, 1), PhaseValue(8, 4), Graph.of(network)
+    long.load_state_dict(short.looking_back(4))
+    assert torch.equal(long(x, graph), short(x[..., : len(names_with(1))], graph))
+
+
 def test_columns_are_by_name():
     assert columns("green") == [NAMES.index("green")]
-    assert len(columns("upstream")) == 12
     assert columns(*NAMES) == list(range(N_NAMES))
 
 

@@ -33,8 +33,9 @@ def settings(small_net, **changes):
     return QLearningSettings(**{**values, **changes})
 
 
-def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
-    plan = settings(small_net)
+@pytest.mark.parametrize("shape", [{}, {"algorithm": "value", "history": 3}], ids=str)
+def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path, shape):
+    plan = settings(small_net, **shape)
     whole = QTraining(plan, tmp_path / "whole").run(1)
     rounds = []
     first = QTraining(plan, tmp_path / "broken")
@@ -107,3 +108,16 @@ def test_beginning_with_weights(small_net, tmp_path):
         assert torch.equal(weight, wanted.state_dict()[name])
     with pytest.raises(UserError, match="its width is 8"):
         QTraining(settings(small_net, start=str(first), width=12), tmp_path / "v")
+
+
+def test_beginning_with_weights_that_look_less_far_back(small_net, tmp_path):
+    plan = settings(small_net, algorithm="value", history=1, rounds=1, updates=1)
+    first = QTraining(plan, tmp_path / "t").run(1)
+    further = settings(small_net, algorithm="value", history=2, start=str(first), rounds=1)
+    last, manifest = load_q_network(QTraining(further, tmp_path / "u").run(1))
+    assert (last.history, manifest["history"]) == (2, 2)
+    start = str(tmp_path / "u")
+    with pytest.raises(UserError, match="its history is 2"):
+        QTraining(plan.model_copy(update={"start": start}), tmp_path / "v")
+    with pytest.raises(ValueError, match="advanced-colight does not look back"):
+        settings(small_net, history=1)

@@ -15,6 +15,7 @@ from tsc_missing.paths import bundled_trainings
 
 if TYPE_CHECKING:  # torch takes seconds
     from tsc_missing.baselines.config import BaselineSettings
+    from tsc_missing.lookahead.config import LookaheadSettings
     from tsc_missing.qlearning.config import QLearningSettings
     from tsc_missing.training.config import TrainingSettings
 
@@ -52,13 +53,16 @@ def train(
         int | None, typer.Option(help="Q-learning: rounds, instead of the config's.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the config's.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Q-learning: simulations at a time.")] = 2,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Q-learning, lookahead: simulations at a time.")
+    ] = 2,
 ) -> None:
     """Train the diffusion controller, a baseline or a Q-network.
 
     Ctrl-C saves, and --resume goes on.
     """
     from tsc_missing.baselines.config import BaselineSettings
+    from tsc_missing.lookahead.config import LookaheadSettings
     from tsc_missing.qlearning.config import QLearningSettings
     from tsc_missing.training.config import find_config, read_training
 
@@ -69,7 +73,9 @@ def train(
     if isinstance(settings, BaselineSettings):
         parts.append(settings.data.resolve().name)
     folder = out if out is not None else Path("runs", "-".join(parts))
-    if isinstance(settings, QLearningSettings):
+    if isinstance(settings, LookaheadSettings):
+        print(_look_ahead(settings, folder, resume, workers))
+    elif isinstance(settings, QLearningSettings):
         print(_learn(settings, folder, resume, workers))
     elif isinstance(settings, BaselineSettings):
         print(_imitate(settings, folder, resume))
@@ -157,6 +163,21 @@ def _learn(settings: "QLearningSettings", folder: Path, resume: bool, workers: i
         )
     if weights is None:
         _interrupted(f"round {training.round}", folder)
+    return weights
+
+
+def _look_ahead(settings: "LookaheadSettings", folder: Path, resume: bool, workers: int) -> Path:
+    """Train a Q-network on what its phases lead to."""
+    import torch
+
+    from tsc_missing.lookahead.training import LookaheadTraining
+
+    torch.set_num_threads(1)
+    training = LookaheadTraining(settings, folder, resume)
+    with _progress(settings.episodes, training.there, "episode") as (show, stop):
+        weights = training.run(workers, show, stop)
+    if weights is None:
+        _interrupted(f"episode {training.there}", folder)
     return weights
 
 

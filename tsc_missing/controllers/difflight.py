@@ -72,7 +72,7 @@ class DiffLight(Controller):
         """(N,): the phase with the highest score; ties go to the lowest phase."""
         self._planned = None
         self._planned = self._planner.plan(observation)
-        return best_finite(self._scores(self._planned, observation.red_steps))
+        return best_finite(self._scores(self._planned))
 
     def estimates(self) -> FloatArray | None:
         """(N, 12, F) [vehicles]: the present of the last decision, without holes."""
@@ -88,10 +88,11 @@ class DiffLight(Controller):
             return np.asarray((context.sensors & context.network.slot_mask).any(axis=1))
         return np.full(context.network.n, self._scoring == "inverse")
 
-    def _scores(self, planned: Planned, red_steps: IntArray) -> FloatArray:
+    def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
         if self._q is not None:
-            return self._values.of(planned.present, red_steps)
+            past, red_steps = planned.past.swapaxes(0, 1), planned.red_steps.swapaxes(0, 1)
+            return self._values.of(past, red_steps)
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
 
@@ -119,4 +120,4 @@ def load_q(weights: Path) -> Callable[[ControlContext], PhaseValues]:
     from tsc_missing.qlearning.weights import load_q_network
 
     network, _ = load_q_network(weights)
-    return lambda context: PhaseValues(network, context)
+    return lambda context: PhaseValues(network, context.network, context.decision_interval)

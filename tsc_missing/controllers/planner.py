@@ -15,7 +15,7 @@ from tsc_missing.diffusion.history import History
 from tsc_missing.diffusion.memory import keep_freed_memory
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
-from tsc_missing.network.model import FloatArray
+from tsc_missing.network.model import FloatArray, IntArray
 from tsc_missing.sensing.observation import Observation
 
 PRECISION: Precision = "bfloat16"  # of the products: half the time of float32
@@ -26,9 +26,15 @@ THREADS = 1  # two wait for each other at every small product, seconds long on a
 class Planned:
     """What the model makes of an observation and those before it."""
 
-    present: FloatArray  # (N, 12, F) [vehicles] the observation without holes
+    past: FloatArray  # (N, C, 12, F) [vehicles] the last observations without holes, newest last
+    red_steps: IntArray  # (N, C, 12) with them
     future: FloatArray  # (N, H, 12, F) [vehicles] planned
     logits: FloatArray  # (N, P) of the phase to run now, -inf without the phase
+
+    @property
+    def present(self) -> FloatArray:
+        """(N, 12, F) [vehicles]: the newest observation without holes."""
+        return self.past[:, -1]
 
 
 class Planner:
@@ -74,7 +80,8 @@ class Planner:
         noise = self.model.initial_noise(len(self._slots), self._generator)
         plan = self.model.plan(self._history(), noise, self._sampling_steps, self._guided)
         return Planned(
-            present=plan.imputed[:, -1].double().numpy(),
+            past=plan.imputed.double().numpy(),
+            red_steps=self._recent.red_steps,
             future=plan.future.double().numpy(),
             logits=plan.logits.double().numpy(),
         )

@@ -12,7 +12,7 @@ from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.demand.trips import Demand, turning_flows, write_routes
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.seeding import stream
-from tsc_missing.sensing.observation import N_FEATURES, apply_mask
+from tsc_missing.sensing.observation import N_FEATURES, Measurement, apply_mask
 from tsc_missing.simulation.detectors import Detectors, write_area_detectors
 from tsc_missing.simulation.engine import EngineName, Inputs, Simulation
 from tsc_missing.simulation.outputs import OutputFiles
@@ -80,6 +80,21 @@ class Progress:
 Watch = Callable[[Progress], None]
 
 
+@dataclass(frozen=True)
+class Moment:
+    """The simulation at the start of a decision step, for who tries out what could come of it."""
+
+    step: int
+    truth: Measurement
+    simulation: Simulation
+    signals: Signals
+    detectors: Detectors
+
+
+Explore = Callable[[Moment], None]
+"""Called before each decision; must leave the simulation and the signals as they were."""
+
+
 def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     """What the controller knows before the first step."""
     signals = settings.signals
@@ -100,6 +115,7 @@ def run_closed_loop(
     folder: Path,
     engine: EngineName = "libsumo",
     watch: Watch | None = None,
+    explore: Explore | None = None,
 ) -> Trace:
     """Run the whole horizon; SUMO's inputs and outputs go to ``folder``, which must exist.
 
@@ -115,7 +131,7 @@ def run_closed_loop(
         detectors = Detectors(scene.network, settings.sensor, simulation.api)
         meter = _Meter(scene.demand, watch, simulation)
         if isinstance(controller, Controller):
-            _control(scene, settings, controller, simulation, detectors, trace, meter)
+            _control(scene, settings, controller, simulation, detectors, trace, meter, explore)
         else:
             _look_on(settings, controller, simulation, detectors, trace, meter)
     trace.wall_seconds = time.perf_counter() - began
@@ -147,6 +163,7 @@ def _control(
     detectors: Detectors,
     trace: Trace,
     meter: "_Meter",
+    explore: Explore | None,
 ) -> None:
     send = simulation.api.trafficlight.setRedYellowGreenState
     timing = settings.signals
@@ -155,19 +172,15 @@ def _control(
         now = step * timing.decision_interval
         end = min(now + timing.decision_interval, settings.horizon)
         truth = detectors.read()
+        if explore is not None:
+            explore(Moment(step, truth, simulation, signals, detectors))
         observation = apply_mask(
             truth, scene.mask[step], step, now, signals.phase, signals.red_steps
         )
         asked = time.perf_counter()
         phases = controller.decide(observation)
         trace.decision_seconds[step] = time.perf_counter() - asked
-        signals.command(phases, now)
-        for moment in signals.moments:
-            if moment < end:
-                simulation.advance(moment)
-                signals.clear(moment)
-                signals.release(moment)
-        simulation.advance(end)
+        run_step(simulation, signals, phases, now, end)
         trace.time[step], trace.truth[step], trace.phase[step] = now, truth.values, signals.phase
         estimates = controller.estimates()
         if estimates is not None:
@@ -177,6 +190,19 @@ def _control(
             trace.keep_plan(step, plans)
         meter.update(end)
     trace.held = signals.held
+
+
+def run_step(
+    simulation: Simulation, signals: Signals, phases: IntArray, now: float, end: float
+) -> None:
+    """Simulate from ``now`` to ``end`` [s] with the signals on their way to ``phases`` (N,)."""
+    signals.command(phases, now)
+    for moment in signals.moments:
+        if moment < end:
+            simulation.advance(moment)
+            signals.clear(moment)
+            signals.release(moment)
+    simulation.advance(end)
 
 
 def _look_on(

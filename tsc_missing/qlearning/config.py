@@ -6,6 +6,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
+from tsc_missing.qlearning.features import MOST_HISTORY
 
 Algorithm = Literal["advanced-colight", "attendlight", "efficient-colight", "value"]
 Reward = Literal["vehicles", "departures"]
@@ -29,6 +30,7 @@ class QLearningSettings(Settings):
     horizon: int = Field(3600, gt=0)  # [s] of an episode
 
     width: int = Field(32, ge=4, multiple_of=4)
+    history: int = Field(0, ge=0, le=MOST_HISTORY)  # [decision steps] that "value" looks back
     reward: Reward = "vehicles"
     running_weight: float = Field(0.0, ge=0, le=1)  # of running vehicles in the reward "vehicles"
     reward_scale: float = Field(20.0, gt=0)  # [vehicles] that count as 1
@@ -53,6 +55,8 @@ class QLearningSettings(Settings):
     def _means_something(self) -> Self:
         if self.volume_min > self.volume_max:
             raise ValueError("volume_min must not be above volume_max")
+        if self.history and self.algorithm != "value":
+            raise ValueError(f"history must be 0: {self.algorithm} does not look back")
         if self.before and self.data is None:
             raise ValueError("updates before the first round need data")
         return self

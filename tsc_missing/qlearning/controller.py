@@ -1,5 +1,6 @@
 """Controlling with a Q-network."""
 
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,8 @@ import torch
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import best_phases
 from tsc_missing.errors import UserError
-from tsc_missing.network.model import FloatArray, IntArray
-from tsc_missing.qlearning.features import SlotTables, slot_features
+from tsc_missing.network.model import FloatArray, IntArray, Network
+from tsc_missing.qlearning.features import SlotTables, past_features, slot_features
 from tsc_missing.qlearning.networks import Graph, QNetwork
 from tsc_missing.qlearning.weights import load_q_network
 from tsc_missing.sensing.observation import Observation
@@ -18,16 +19,23 @@ from tsc_missing.sensing.observation import Observation
 class PhaseValues:
     """The values that a Q-network gives the phases of a network."""
 
-    def __init__(self, network: QNetwork, context: ControlContext) -> None:
-        """Get ready for a run on the context's network."""
-        self._q = network
-        self._graph = Graph.of(context.network)
-        self._tables = SlotTables.of(context.network, context.decision_interval)
+    def __init__(self, q: QNetwork, network: Network, interval: float) -> None:
+        """Get ready for a network of intersections; ``interval`` [s] between decisions."""
+        self._q = q
+        self._graph = Graph.of(network)
+        self._tables = SlotTables.of(network, interval)
 
     @torch.inference_mode()
     def of(self, values: FloatArray, red_steps: IntArray) -> FloatArray:
-        """(N, P) from values (N, 12, F) [vehicles]; NaN in gives NaN for what depends on it."""
-        features = slot_features(self._tables, values, red_steps)
+        """(N, P) of the last of C ≥ 1 decision steps that follow each other.
+
+        ``values`` (C, N, 12, F) [vehicles], ``red_steps`` (C, N, 12). NaN in gives NaN for what
+        depends on it.
+        """
+        now = slot_features(self._tables, values[-1], red_steps[-1])
+        seen = -1 - self._q.history
+        past = past_features(values[seen:], red_steps[seen:], self._q.history)[-1]
+        features = np.concatenate((now, past), axis=-1)
         found = self._q(torch.from_numpy(features).unsqueeze(0), self._graph)
         return np.asarray(found.squeeze(0).double().numpy())
 
@@ -41,12 +49,16 @@ class QPolicy(Controller):
         self._name = name
 
     def reset(self, context: ControlContext) -> None:
-        """Take the network."""
-        self._values = PhaseValues(self._q, context)
+        """Take the network, and forget what was before."""
+        self._values = PhaseValues(self._q, context.network, context.decision_interval)
+        self._seen: deque[Observation] = deque(maxlen=1 + self._q.history)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the best phases; raises ``ValueError`` on a hole."""
-        return best_phases(self._values.of(observation.values, observation.red_steps), self._name)
+        self._seen.append(observation)
+        values = np.stack([seen.values for seen in self._seen])
+        red_steps = np.stack([seen.red_steps for seen in self._seen])
+        return best_phases(self._values.of(values, red_steps), self._name)
 
 
 def make_q_policy(name: str, weights: Path) -> QPolicy:

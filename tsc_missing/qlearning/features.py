@@ -18,19 +18,21 @@ RED_SCALE = 20  # [decision steps] without green that count as 1, the most
 OWN = ("there", "green", "queue", "running", "effective_running", "red_steps", "lanes")
 BESIDE = ("downstream_queue", "downstream_running", "pressure")
 UPSTREAM = ("queue", "running", "green", "there")  # of each of the three neighbour slots
+PAST = ("queue", "running", "green")  # of each of the decision steps before
 NAMES = (*OWN, *BESIDE, *(f"upstream_{name}_{k}" for name in UPSTREAM for k in range(3)))
 N_NAMES = len(NAMES)
+MOST_HISTORY = 8  # decision steps before the present
+
+
+def names_with(history: int) -> tuple[str, ...]:
+    """All features of a network that looks ``history`` decision steps back."""
+    return (*NAMES, *(f"{name}_{k}_ago" for k in range(1, history + 1) for name in PAST))
 
 
 def columns(*names: str) -> list[int]:
-    """The positions of features, and with ``"upstream"`` those of all neighbour slots."""
-    wanted = [
-        k
-        for name in names
-        for k, other in enumerate(NAMES)
-        if other == name or (name == "upstream" and other.startswith("upstream_"))
-    ]
-    return sorted(wanted)
+    """The positions of features."""
+    known = names_with(MOST_HISTORY)
+    return sorted(known.index(name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,30 @@ def slot_features(
         _flat(there, tables.upstream),
     ]
     return np.concatenate((np.stack(single, axis=-1), *above), axis=-1).astype(np.float32)
+
+
+def past_features(
+    values: npt.NDArray[np.floating[Any]], red_steps: IntArray, history: int
+) -> Float32Array:
+    """(T, N, 12, 3 * history): what a slot was in the steps before each of T steps.
+
+    ``values`` (T, N, 12, F) [vehicles], ``red_steps`` (T, N, 12); before the first step it was as
+    in the first.
+    """
+    queue = values[..., QUEUE]
+    running = np.maximum(values[..., VEHICLES] - queue, 0.0)
+    now = np.stack((queue / VEHICLE_SCALE, running / VEHICLE_SCALE, red_steps == 0), axis=-1)
+    before = [np.maximum(np.arange(len(values)) - k, 0) for k in range(1, history + 1)]
+    found = np.concatenate([now[:, :, :, :0], *(now[rows] for rows in before)], axis=-1)
+    return found.astype(np.float32)
+
+
+def log_features(
+    tables: SlotTables, values: Float32Array, red_steps: IntArray, history: int
+) -> Float32Array:
+    """(T, N, 12, N_NAMES + 3 * history) of T steps that follow each other; arguments as above."""
+    past = past_features(values, red_steps, history)
+    return np.concatenate((slot_features(tables, values, red_steps), past), axis=-1)
 
 
 def _flat(x: npt.NDArray[np.floating[Any]], table: IntArray) -> npt.NDArray[np.floating[Any]]:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.config import QLearningSettings
-from tsc_missing.qlearning.networks import ALGORITHMS, Graph, QNetwork
+from tsc_missing.qlearning.networks import Graph, PhaseValue, QNetwork, make_q_network
 from tsc_missing.qlearning.replay import Transitions
 from tsc_missing.qlearning.weights import load_q_network
 
@@ -25,20 +25,30 @@ class Learner:
         """Fresh weights from torch's global generator."""
         self._settings = settings
         self._graphs = graphs
-        self.network: QNetwork = ALGORITHMS[settings.algorithm](settings.width)
+        self.network: QNetwork = make_q_network(
+            settings.algorithm, settings.width, settings.history
+        )
         self.target = copy.deepcopy(self.network).requires_grad_(False)
         self.optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self.acting = copy.deepcopy(self.target)  # what plays the next episodes
         self.done = 0  # updates
 
     def begin_with(self, weights: Path) -> None:
-        """Take over weights of the same algorithm and width; ``UserError`` if they are others."""
+        """Take over weights that see no more; ``UserError`` if they are of another shape.
+
+        What they do not see counts for nothing to begin with.
+        """
         network, manifest = load_q_network(weights)
         for name in ("algorithm", "width"):
             if manifest[name] != getattr(self._settings, name):
                 raise UserError("start", weights, f"its {name} is {manifest[name]}")
+        if network.history > self._settings.history:
+            raise UserError("start", weights, f"its history is {network.history}")
+        state = network.state_dict()
+        if isinstance(network, PhaseValue):
+            state = network.looking_back(self._settings.history)
         for mine in (self.network, self.target, self.acting):
-            mine.load_state_dict(network.state_dict())
+            mine.load_state_dict(state)
 
     def act_as_now(self) -> None:
         """Let what is learned so far play the next episodes."""

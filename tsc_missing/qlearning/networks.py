@@ -6,6 +6,7 @@ weights. Where the published networks have a fixed order of four phases, this re
 
 import itertools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -13,7 +14,7 @@ from torch import Tensor, nn
 
 from tsc_missing.network.model import Network
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.qlearning.features import NAMES, columns
+from tsc_missing.qlearning.features import NAMES, PAST, columns, names_with
 
 GREEN, THERE = NAMES.index("green"), NAMES.index("there")
 NO_PHASE = -1e9  # the value of a phase that the intersection does not have
@@ -43,8 +44,13 @@ class Graph:
 class QNetwork(nn.Module, ABC):
     """Values of the phases of all intersections."""
 
+    history = 0  # decision steps before the present that it looks back
+
     def forward(self, x: Tensor, graph: Graph) -> Tensor:
-        """(B, N, P) of features ``x`` (B, N, 12, N_NAMES); ``NO_PHASE`` without the phase."""
+        """(B, N, P) of features ``x`` (B, N, 12, ·); ``NO_PHASE`` without the phase.
+
+        ``x`` are the features that ``names_with`` names for the network's ``history``.
+        """
         return self._values(x, graph).masked_fill(~graph.phase_mask, NO_PHASE)
 
     @abstractmethod
@@ -69,11 +75,12 @@ class SlotEmbedding(nn.Module):
         """``names`` of ``qlearning.features``."""
         super().__init__()
         self.columns = columns(*names)
+        self.width = width
         self.register_buffer("place", torch.eye(N_SLOTS), persistent=False)
         self.layers = dense(len(self.columns) + N_SLOTS, 2 * width, width, last=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(…, 12, N_NAMES) to (…, 12, D)."""
+        """(…, 12, ·) to (…, 12, D)."""
         place = self.place.expand(*x.shape[:-1], N_SLOTS)
         e: Tensor = self.layers(torch.cat((x[..., self.columns], place), dim=-1))
         return e * x[..., THERE : THERE + 1]
@@ -175,12 +182,21 @@ class PhaseValue(QNetwork):
     A phase is the sum of its slots, the sum of the other slots and the sum over all phases.
     """
 
-    def __init__(self, width: int) -> None:
-        """All features."""
+    def __init__(self, width: int, history: int = 0) -> None:
+        """All features, and those of ``history`` decision steps before."""
         super().__init__()
-        self.slot = SlotEmbedding(NAMES, width)
+        self.history = history
+        self.slot = SlotEmbedding(names_with(history), width)
         self.score = dense(3 * width + 1, 2 * width, width, 1)
         self.level = dense(width, width, 1)
+
+    def looking_back(self, history: int) -> dict[str, Tensor]:
+        """Its weights for a network that looks further back, and gives the same values."""
+        state = dict(self.state_dict())
+        name = "slot.layers.0.weight"
+        features, place = state[name][:, :-N_SLOTS], state[name][:, -N_SLOTS:]
+        more = features.new_zeros(len(features), len(PAST) * (history - self.history))
+        return state | {name: torch.cat((features, more, place), dim=1)}
 
     def _values(self, x: Tensor, graph: Graph) -> Tensor:
         e = self.slot(x)
@@ -193,9 +209,14 @@ class PhaseValue(QNetwork):
         return values + level
 
 
-ALGORITHMS = {
+ALGORITHMS: dict[str, Callable[[int], QNetwork]] = {
     "advanced-colight": lambda width: CoLight(("pressure", "effective_running"), width),
     "attendlight": AttendLight,
     "efficient-colight": lambda width: CoLight(("pressure",), width),
     "value": PhaseValue,
 }
+
+
+def make_q_network(algorithm: str, width: int, history: int = 0) -> QNetwork:
+    """Fresh weights from torch's global generator; only ``value`` can look back."""
+    return PhaseValue(width, history) if history else ALGORITHMS[algorithm](width)

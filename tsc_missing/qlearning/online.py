@@ -22,7 +22,7 @@ from tsc_missing.qlearning.checkpoint import load_learner, save_learner
 from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.controller import QPolicy
 from tsc_missing.qlearning.learner import Learner
-from tsc_missing.qlearning.networks import ALGORITHMS, Graph
+from tsc_missing.qlearning.networks import Graph, make_q_network
 from tsc_missing.qlearning.replay import Replay, Transitions
 from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.seeding import stream
@@ -41,6 +41,7 @@ class Episode:
     settings: RunSettings
     algorithm: str
     width: int
+    history: int
     weights: Mapping[str, Tensor]
     epsilon: float
     path: Path  # where its log goes
@@ -64,7 +65,7 @@ def play_episode(episode: Episode) -> None:
     """Run an episode and write its log."""
     torch.set_num_threads(1)
     settings = episode.settings
-    q = ALGORITHMS[episode.algorithm](episode.width)
+    q = make_q_network(episode.algorithm, episode.width, episode.history)
     q.load_state_dict(dict(episode.weights))
     policy = Exploring(QPolicy(q.eval(), episode.algorithm), episode.epsilon)
     log = play(find_scenario(settings.net, settings.demand), settings, policy)
@@ -164,7 +165,8 @@ class QTraining:
         )
         epsilon = settings.epsilon(number)
         path = self._log(number, k)
-        return Episode(run, settings.algorithm, settings.width, weights, epsilon, path)
+        shape = settings.algorithm, settings.width, settings.history
+        return Episode(run, *shape, weights, epsilon, path)
 
     def _log(self, number: int, k: int) -> Path:
         return self.folder / EPISODES / f"{number:05d}-{k}.parquet"

@@ -12,7 +12,7 @@ from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import Network
 from tsc_missing.offline.log import EpisodeLog
 from tsc_missing.qlearning.config import QLearningSettings
-from tsc_missing.qlearning.features import SlotTables, slot_features
+from tsc_missing.qlearning.features import SlotTables, log_features
 from tsc_missing.qlearning.rewards import rewards
 
 
@@ -21,16 +21,16 @@ class Transitions:
     """B decision steps of all N intersections of one network, and what came of them."""
 
     net: str
-    before: Tensor  # (B, N, 12, N_NAMES)
+    before: Tensor  # (B, N, 12, ·) features
     phase: Tensor  # (B, N) that ran
     reward: Tensor  # (B, N) at the end of the step, scaled
-    after: Tensor  # (B, N, 12, N_NAMES)
+    after: Tensor  # (B, N, 12, ·)
 
 
 @dataclass(frozen=True)
 class _Episode:
     net: str
-    features: Tensor  # (T, N, 12, N_NAMES) half precision
+    features: Tensor  # (T, N, 12, ·) half precision
     phase: Tensor  # (T, N)
     reward: Tensor  # (T - 1, N)
 
@@ -54,7 +54,9 @@ class Replay:
 
     def add(self, net: str, log: EpisodeLog) -> None:
         """Take in an episode; the oldest leaves when there are too many."""
-        features = slot_features(self._tables[net], log.values, log.red_steps)
+        features = log_features(
+            self._tables[net], log.values, log.red_steps, self._settings.history
+        )
         reward = rewards(log, self._networks[net], self._settings)
         self._episodes.append(
             _Episode(

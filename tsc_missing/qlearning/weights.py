@@ -5,7 +5,7 @@ from typing import Any
 
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.features import NAMES
-from tsc_missing.qlearning.networks import ALGORITHMS, QNetwork
+from tsc_missing.qlearning.networks import QNetwork, make_q_network
 from tsc_missing.weights.file import read_tensors, write_tensors
 from tsc_missing.weights.find import FIELD
 
@@ -16,7 +16,13 @@ def save_q_network(
     network: QNetwork, algorithm: str, width: int, path: Path, about: dict[str, Any]
 ) -> None:
     """Write a network's weights and a manifest: what it is, and ``about`` (JSON values)."""
-    manifest = {**about, "algorithm": algorithm, "width": width, "features": list(NAMES)}
+    manifest = {
+        **about,
+        "algorithm": algorithm,
+        "width": width,
+        "history": network.history,
+        "features": list(NAMES),
+    }
     write_tensors(path, KIND, network.state_dict(), manifest)
 
 
@@ -29,7 +35,8 @@ def load_q_network(path: Path) -> tuple[QNetwork, dict[str, Any]]:
     if manifest.get("features") != list(NAMES):
         raise UserError(FIELD, path, "it was trained on other features than this program has")
     try:
-        network = ALGORITHMS[manifest["algorithm"]](manifest["width"])
+        parts = manifest["algorithm"], manifest["width"], manifest.get("history", 0)
+        network = make_q_network(*parts)
         network.load_state_dict(tensors)
     except (KeyError, TypeError, RuntimeError):
         raise UserError(FIELD, path, "its tensors are not those of its algorithm") from None

@@ -4,7 +4,7 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -120,9 +120,23 @@ class Simulation:
 
     def advance(self, until: float) -> None:
         """Simulate up to ``until`` [s] after the begin."""
+        self._call(self.api.simulationStep, float(self._inputs.begin + until))
+
+    def save(self, path: Path) -> None:
+        """Write the state of the traffic to a file, to go back to it with ``restore``."""
+        self._call(self.api.simulation.saveState, str(path))
+
+    def restore(self, path: Path) -> None:
+        """Go back to a saved state; the signals must then be set again.
+
+        Trips that end after it are in SUMO's outputs as often as they are simulated.
+        """
+        self._call(self.api.simulation.loadState, str(path))
+
+    def _call(self, call: Callable[..., Any], *arguments: Any) -> None:
         try:
             with _stderr_to(self._errors):
-                self.api.simulationStep(float(self._inputs.begin + until))
+                call(*arguments)
         except Exception as error:
             raise SimulationError(self._reason(error)) from error
 

@@ -4,8 +4,10 @@
 that is sent, so that a fault in the plan stops the run before SUMO sees it.
 """
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -65,6 +67,17 @@ class SignalGuard:
             since[link] = time
         self._states[n] = state
         self._send(node.id, sumo_state(node, state))
+
+    def fork(self) -> Self:
+        """A guard that goes on from here by itself and sends to the same simulation."""
+        other = copy.copy(self)
+        other._states, other._since = list(self._states), [list(since) for since in self._since]
+        return other
+
+    def repeat(self) -> None:
+        """Send what stands now again."""
+        for node, state in zip(self._nodes, self._states, strict=True):
+            self._send(node.id, sumo_state(node, state))
 
     def _change(self, n: int, state: str) -> Change:
         """The change to a state that is legal, by colours that may follow each other."""
@@ -136,6 +149,21 @@ class Signals:
         self.held = 0
         for n, state in enumerate(self._shown):
             self._guard.send(n, state, 0.0)
+
+    def fork(self) -> Self:
+        """Signals that go on from here by themselves, between two steps.
+
+        They send to the same simulation; ``repeat`` of these takes it back to what these show.
+        """
+        other = copy.copy(self)
+        other._guard = self._guard.fork()
+        other._shown, other._targets = list(self._shown), list(self._targets)
+        other._changing, other._green_since = {}, self._green_since.copy()
+        return other
+
+    def repeat(self) -> None:
+        """Send what the signals show now again, after the simulation was taken back."""
+        self._guard.repeat()
 
     def command(self, phases: IntArray, now: float) -> bool:
         """Start the step at ``now`` [s] towards ``phases`` (N,); true if any signal turns yellow.

@@ -11,11 +11,13 @@ from tsc_missing.config import Settings
 from tsc_missing.diffusion.config import DiffLightConfig, Precision
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.files import first_problem
+from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.offline.window_masks import MaskMix
 from tsc_missing.paths import bundled
 from tsc_missing.qlearning.config import Algorithm, QLearningSettings
 
 FIELD = "config"
+LOOKAHEAD = "lookahead"
 
 
 class TrainingSettings(Settings):
@@ -49,11 +51,11 @@ RESUMABLE = frozenset({"data", "log_steps", "checkpoint_seconds"})
 
 def read_training(
     config: str, **changes: Any
-) -> TrainingSettings | QLearningSettings | BaselineSettings:
+) -> TrainingSettings | QLearningSettings | LookaheadSettings | BaselineSettings:
     """The settings of a TOML file, or of a bundled one by its name, with ``changes`` put in.
 
-    A file that names an ``algorithm`` is one of Q-learning or of a baseline. Raises ``UserError``
-    for a file that is not there, no TOML, or has something unknown.
+    A file that names an ``algorithm`` is one of Q-learning, of lookahead or of a baseline. Raises
+    ``UserError`` for a file that is not there, no TOML, or has something unknown.
     """
     path = find_config(config)
     try:
@@ -71,16 +73,23 @@ def read_training(
 
 def _kind(
     values: dict[str, Any], path: Path
-) -> type[TrainingSettings] | type[QLearningSettings] | type[BaselineSettings]:
+) -> (
+    type[TrainingSettings]
+    | type[QLearningSettings]
+    | type[LookaheadSettings]
+    | type[BaselineSettings]
+):
     """The settings that a file's ``algorithm`` means; without one, the diffusion model's."""
     if "algorithm" not in values:
         return TrainingSettings
     name = values["algorithm"]
     if name in get_args(Algorithm):
         return QLearningSettings
+    if name == LOOKAHEAD:
+        return LookaheadSettings
     found = settings_class(name)
     if found is None:
-        known = (*SETTINGS, *get_args(Algorithm))
+        known = (*SETTINGS, *get_args(Algorithm), LOOKAHEAD)
         words = f"at algorithm: found {str(name)[:60]!r}; {nearest(str(name), known)}"
         raise UserError(FIELD, path, words)
     return found

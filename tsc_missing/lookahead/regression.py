@@ -1,0 +1,91 @@
+"""From returns of tried phases to a network that expects them."""
+
+import copy
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from tsc_missing.lookahead.config import LookaheadSettings
+from tsc_missing.lookahead.episode import Labelled
+from tsc_missing.qlearning.networks import Graph, PhaseValue
+from tsc_missing.seeding import stream
+
+
+class Regression:
+    """A network that goes on from the base, and learns by how much phases differ.
+
+    The loss is Huber's on A(a) = G(a) - mean_a' G(a'), divided by the mean of |A|; which phase is
+    best does not depend on the mean, and most of the noise is in it. A moving average of the
+    weights is the result.
+    """
+
+    def __init__(
+        self,
+        settings: LookaheadSettings,
+        base: PhaseValue,
+        graphs: Mapping[str, Graph],
+        episodes: Sequence[Labelled],
+    ) -> None:
+        """``graphs`` by network."""
+        self._settings = settings
+        self._base = base
+        self._graphs = graphs
+        self._episodes = [episode for episode in episodes if len(episode.returns)]
+        self._random = stream(settings.seed, "updates")
+        self.network = PhaseValue(base.slot.width, settings.history)
+        self.network.load_state_dict(base.looking_back(settings.history))
+        self.average = copy.deepcopy(self.network).requires_grad_(False).eval()
+        self._optimiser = torch.optim.AdamW(
+            self.network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        sizes = torch.cat([centred(e.returns).abs().flatten() for e in self._episodes])
+        self._scale = sizes[sizes > 0].mean()
+        self._done = 0
+
+    def update(self) -> float:
+        """One step of the optimiser, on decision steps of one episode; returns the loss."""
+        settings = self._settings
+        for group in self._optimiser.param_groups:
+            group["lr"] = settings.learning_rate * (1 - self._done / settings.updates)
+        episode = self._episodes[self._random.integers(len(self._episodes))]
+        count = max(1, settings.batch // episode.returns.shape[1])
+        chosen = torch.from_numpy(self._random.integers(len(episode.returns), size=count))
+        returns = episode.returns[chosen]
+        values = self.network(episode.features[chosen], self._graphs[episode.net])
+        wanted, found = centred(returns), centred(torch.where(returns.isnan(), torch.nan, values))
+        there = ~returns.isnan()
+        loss = nn.functional.smooth_l1_loss(found[there] / self._scale, wanted[there] / self._scale)
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimiser.step()
+        with torch.no_grad():
+            for slow, fast in zip(
+                self.average.parameters(), self.network.parameters(), strict=True
+            ):
+                slow.lerp_(fast, settings.average)
+        self._done += 1
+        return float(loss.item())
+
+    @torch.inference_mode()
+    def gained(self, episodes: Sequence[Labelled]) -> float | None:
+        """The part of what the best phases would have gained over the base's that ours gain."""
+        got = most = 0.0
+        for episode in episodes:
+            graph = self._graphs[episode.net]
+            base = _of_best(self._base(episode.features, graph), episode.returns)
+            best = episode.returns.nan_to_num(-torch.inf).amax(dim=-1)
+            ours = _of_best(self.average(episode.features, graph), episode.returns)
+            got += float((ours - base).sum())
+            most += float((best - base).sum())
+        return got / most if most else None
+
+
+def centred(returns: Tensor) -> Tensor:
+    """(…, P): each less the mean of those that are not NaN, which stay so as 0."""
+    return (returns - returns.nanmean(dim=-1, keepdim=True)).nan_to_num(0.0)
+
+
+def _of_best(values: Tensor, returns: Tensor) -> Tensor:
+    """(S, N): the return of the phase with the highest value."""
+    return returns.gather(-1, values.argmax(dim=-1, keepdim=True)).squeeze(-1)
