@@ -23,7 +23,8 @@ class Lookahead:
     where a runs in step t and everything else is decided by the best values of Q: one step of
     rollout policy improvement (Tesauro and Galperin, NeurIPS 1996) with the same arrivals for all
     phases. No two adjacent intersections try at a time, so each has to do with its own phase only.
-    The simulation is afterwards as it was.
+    The simulation is afterwards as it was, but for what SUMO leaves out of its saved states: a
+    vehicle that waits to enter may enter a step later.
     """
 
     def __init__(

@@ -123,7 +123,11 @@ class Simulation:
         self._call(self.api.simulationStep, float(self._inputs.begin + until))
 
     def save(self, path: Path) -> None:
-        """Write the state of the traffic to a file, to go back to it with ``restore``."""
+        """Write the state of the traffic to a file, to go back to it with ``restore``.
+
+        Not quite all of it: a vehicle that waits to enter may enter later after a restore. With
+        the state of the random numbers saved too (``--save-state.rng``) more went otherwise.
+        """
         self._call(self.api.simulation.saveState, str(path))
 
     def restore(self, path: Path) -> None:

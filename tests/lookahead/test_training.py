@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="Q-networks need torch")
+
+import torch
+from pydantic import ValidationError
+
+from tsc_missing.errors import UserError
+from tsc_missing.lookahead.config import LookaheadSettings
+from tsc_missing.lookahead.episode import Labelled, draw_run
+from tsc_missing.lookahead.regression import Regression, centred
+from tsc_missing.lookahead.training import LookaheadTraining
+from tsc_missing.qlearning.networks import Graph, PhaseValue
+from tsc_missing.qlearning.weights import load_q_network, save_q_network
+from tsc_missing.weights.file import read_tensors
+
+from tests.networks import tee_network  # isort: skip
+
+
+def settings(small_net, tmp_path, **changes):
+    base = tmp_path / "base.safetensors"
+    if not base.exists():
+        torch.manual_seed(0)
+        save_q_network(PhaseValue(8), "value", 8, base, {})
+    values = {
+        "nets": (str(small_net),),
+        "demand": "recorded",
+        "base": str(base),
+        "horizon": 150,
+        "episodes": 3,
+        "held_out": 1,
+        "tried": 0.5,
+        "depth": 2,
+        "updates": 10,
+        "batch": 24,
+        "history": 2,
+    }
+    return LookaheadSettings(**{**values, **changes})
+
+
+def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
+    plan = settings(small_net, tmp_path)
+    whole = LookaheadTraining(plan, tmp_path / "whole").run(1)
+    seen = []
+    first = LookaheadTraining(plan, tmp_path / "broken")
+    assert first.run(1, lambda there, _: seen.append(there), lambda: len(seen) == 2) is None
+    assert seen == [1, 2]
+    second = LookaheadTraining(plan, tmp_path / "broken", resume=True)
+    assert second.there == 2
+    (one, about), (other, _) = load_q_network(whole), load_q_network(second.run(1))
+    for name, weight in one.state_dict().items():
+        assert torch.equal(weight, other.state_dict()[name]), name
+    assert about["history"] == one.history == 2
+    assert about["gained"].keys() == {"learned", "held_out"}
+    assert about["tried"] > 0
+    start, _ = load_q_network(tmp_path / "base.safetensors")
+    assert not torch.equal(one.state_dict()["score.0.weight"], start.state_dict()["score.0.weight"])
+
+
+def test_the_episodes_of_a_training_serve_another_way_of_learning(small_net, tmp_path):
+    LookaheadTraining(settings(small_net, tmp_path), tmp_path / "t").run(1)
+    longer = settings(small_net, tmp_path, updates=20)
+    told = []
+    LookaheadTraining(longer, tmp_path / "t", resume=True).run(1, lambda *now: told.append(now))
+    assert "playing" not in {what for _, what in told}
+    with pytest.raises(UserError, match="was begun with 2"):
+        LookaheadTraining(settings(small_net, tmp_path, depth=3), tmp_path / "t", resume=True)
+    with pytest.raises(UserError, match="it is there already"):
+        LookaheadTraining(longer, tmp_path / "t")
+
+
+def test_regression_finds_what_can_be_found():
+    """Returns that depend on a queue two steps ago, which the base does not see."""
+    network = tee_network()
+    torch.manual_seed(0)
+    plan = LookaheadSettings(
+        nets=("x",), history=2, updates=400, batch=64, learning_rate=3e-3, weight_decay=0
+    )
+    base = PhaseValue(8)
+    from tsc_missing.qlearning.features import names_with
+
+    x = torch.rand(200, network.n, 12, len(names_with(2)))
+    x[..., 0] = torch.from_numpy(network.slot_mask).float()
+    queue = x[..., names_with(2).index("queue_2_ago")] * x[..., 0]
+    returns = (torch.from_numpy(network.phases).float() @ queue.unsqueeze(-1)).squeeze(-1)
+    returns = returns.masked_fill(~torch.from_numpy(network.phase_mask), torch.nan)
+    episodes = [Labelled("x", x[:150], returns[:150]), Labelled("x", x[150:], returns[150:])]
+    regression = Regression(plan, base, {"x": Graph.of(network)}, episodes[:1])
+    assert regression.gained(episodes[1:]) == pytest.approx(0, abs=1e-6)
+    for _ in range(plan.updates):
+        regression.update()
+    assert regression.gained(episodes[1:]) > 0.7
+    assert regression.gained([]) is None
+
+
+def test_centred_leaves_absent_phases_out():
+    found = centred(torch.tensor([[1.0, 3.0, torch.nan]]))
+    assert found.tolist() == [[-1.0, 1.0, 0.0]]
+
+
+def test_what_can_be_wrong(small_net, tmp_path):
+    for wrong in ({"volume_min": 2}, {"epsilon_min": 0.5}, {"held_out": 3}, {"history": 9}):
+        with pytest.raises(ValidationError):
+            settings(small_net, tmp_path, **wrong)
+    for base, words in (("attendlight", "of the algorithm value"), ("valu", "did you mean value")):
+        with pytest.raises(UserError, match=words):
+            LookaheadTraining(settings(small_net, tmp_path, base=base), tmp_path / "t")
+    save_q_network(PhaseValue(8, 3), "value", 8, tmp_path / "far.safetensors", {})
+    plan = settings(small_net, tmp_path, base=str(tmp_path / "far.safetensors"))
+    with pytest.raises(UserError, match="the base looks back 3"):
+        LookaheadTraining(plan, tmp_path / "t")
+
+
+def test_runs_are_drawn(small_net, tmp_path):
+    plan = settings(small_net, tmp_path, volume_min=0.5, volume_max=1.5)
+    drawn = [draw_run(plan, number, scaled=True) for number in range(20)]
+    assert len({run.seed for run, _ in drawn}) == 20
+    assert all(0.5 <= run.volume <= 1.5 and 0.02 <= epsilon <= 0.15 for run, epsilon in drawn)
+    assert np.std([run.volume for run, _ in drawn]) > 0.1
+    assert draw_run(plan, 3, scaled=False)[0].volume == 1
+
+
+def test_a_file_of_an_episode(small_net, tmp_path):
+    LookaheadTraining(settings(small_net, tmp_path, tried=1.0), tmp_path / "t").run(1)
+    about, tensors = read_tensors(
+        tmp_path / "t" / "episodes" / "00000.safetensors", "lookahead-episode"
+    )
+    assert about["net"] == str(small_net)
+    assert tensors["steps"].tolist() == list(range(10))
+    assert tensors["returns"].shape[:2] == (10, 6)
