@@ -171,10 +171,46 @@ def test_learn_and_run(command, small_net, algorithm):
     assert "weights of kind q-network, not difflight" in done.stderr
 
 
+LOOKAHEAD = """
+algorithm = "lookahead"
+nets = ["{net}"]
+demand = "recorded"
+horizon = 300
+episodes = {episodes}
+updates = 3
+batch = 12
+"""
+
+
+def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
+    plan = command.cwd / "look.toml"
+    plan.write_text(LOOKAHEAD.format(net=small_net, episodes=200))
+    process = command.start("train", "look.toml", "--workers", 1)
+    deadline = time.monotonic() + 60
+    episodes = command.cwd / "runs" / "train-look" / "episodes"
+    while not list(episodes.glob("0*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.startswith("interrupted; saved at episode "), errors
+    assert errors.count("\n") == 1
+    there = len(list(episodes.iterdir()))
+    plan.write_text(LOOKAHEAD.format(net=small_net, episodes=there))  # enough of it
+    done = command("train", "look.toml", "--resume")
+    assert done.returncode == 0, done.stderr
+    weights = command.cwd / done.stdout.strip()
+    run = ("--net", small_net, "--horizon", 150, "--q-weights", weights, "--json")
+    found = command("run", *run)
+    assert found.returncode == 0, found.stderr
+    assert json.loads(found.stdout)["result"]["fallbacks"] == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ((), "config"),
+        (("lookahead", "--steps", 3), "at steps"),
         (("--algorithm", "advanced-colite"), "did you mean advanced-colight?"),
         (("universal", "--algorithm", "value"), "give one of them"),
         (("value", "--steps", 3), "at steps"),

@@ -5,10 +5,10 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tsc_missing.config import Settings
+from tsc_missing.training.step_settings import StepSettings
 
 
-class BaselineSettings(Settings):
+class BaselineSettings(StepSettings):
     """What all baselines have; each algorithm adds its own options."""
 
     algorithm: str
@@ -21,14 +21,8 @@ class BaselineSettings(Settings):
 
     steps: int = Field(8000, ge=1)  # updates
     batch: int = Field(512, ge=1)  # samples of an update, at least; one is of one intersection
-    learning_rate: float = Field(1e-3, gt=0, allow_inf_nan=False)  # the highest
-    final_learning_rate: float = Field(1e-5, ge=0, allow_inf_nan=False)  # reached on a half cosine
     warm_up: int = Field(100, ge=0)  # updates of rising learning rate
-    gradient_norm: float = Field(1.0, gt=0)  # gradients longer than this are cut to it
-    seed: int = Field(0, ge=0)
-
     log_steps: int = Field(500, ge=1)  # updates between rows of metrics.csv
-    checkpoint_seconds: float = Field(60.0, ge=0, le=60)
 
 
 class BCSettings(BaselineSettings):

@@ -1,12 +1,6 @@
-"""The training of a baseline: the same weights whether it ran through or was stopped and resumed.
+"""The training of a baseline."""
 
-All that is random at a step depends on the seed and the step's number.
-"""
-
-import contextlib
 import math
-import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,13 +13,11 @@ from tsc_missing.baselines.registry import make_learner
 from tsc_missing.baselines.transitions import read_logs
 from tsc_missing.baselines.weights import save_policy
 from tsc_missing.errors import UserError
-from tsc_missing.files import check_new_training
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.seeding import stream
-from tsc_missing.training import checkpoint
 from tsc_missing.training.config import RESUMABLE
-from tsc_missing.training.loop import DivergedError, StoppedError, learning_rate
 from tsc_missing.training.metrics import MetricsLog
+from tsc_missing.training.steps import DivergedError, StepTraining, learning_rate
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import FILE
 from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
@@ -40,31 +32,22 @@ class Seen:
     logged: dict[str, float]  # of the last update
 
 
-Watch = Callable[[Seen], None]
-
-
-class BaselineTraining:
+class BaselineTraining(StepTraining[Seen]):
     """A training in a folder: metrics, a checkpoint, in the end the weights."""
 
     def __init__(
         self, settings: BaselineSettings, dataset: Dataset, folder: Path, resume: bool = False
     ) -> None:
         """Check everything that can be wrong, and load the checkpoint to resume from."""
+        super().__init__(settings, dataset, folder)
         self.settings = settings
-        self.folder = folder
-        self.step = 0
-        self._dataset = dataset
-        self._wall = 0.0
-        torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
+        self._since: list[dict[str, float]] = []  # what the steps since the last row logged
         self.learner = make_learner(settings)
         if not (dataset.manifest.complete or self.learner.takes_holes):
             raise UserError(
                 "data", dataset.path, f"its logs have holes, and {settings.algorithm} needs all"
             )
-        if resume:
-            self._resume()
-        else:
-            check_new_training(folder)
+        self._begin(resume, RESUMABLE)
         learner = self.learner
         self._logs, self._held_out = read_logs(
             dataset, settings, learner.length, learner.padded, learner.ahead, learner.discount
@@ -76,26 +59,6 @@ class BaselineTraining:
                 "no intersection reported all its slots at two successive steps, so there is no "
                 "reward to learn from",
             )
-
-    def run(self, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False) -> Path:
-        """Train to the last step and write the weights; returns their file.
-
-        ``stop`` is asked after every step: once it is true the state is saved, and ``StoppedError``
-        raised. A full disk raises ``UserError``: the last checkpoint is whole.
-        """
-        began = time.perf_counter() - self._wall
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._loop(began, watch, stop)
-            self._save(time.perf_counter() - began)
-            return self._write_weights()
-        except OSError as error:
-            raise UserError(
-                "out",
-                self.folder,
-                f"cannot be written ({error.strerror}); the last checkpoint is whole, and "
-                "--resume goes on from it",
-            ) from error
 
     def held_out(self) -> dict[str, float]:
         """What the learner tells of the episodes that it does not learn from."""
@@ -125,54 +88,24 @@ class BaselineTraining:
         self.step += 1
         return logged
 
-    def _loop(self, began: float, watch: Watch | None, stop: Callable[[], bool]) -> None:
-        if self.step == 0:
-            self.learner.prepare(self._logs)
-            self._save(0.0)
-        saved = time.perf_counter()
-        with contextlib.ExitStack() as stack:
-            log: MetricsLog | None = None
-            since: list[dict[str, float]] = []
-            while self.step < self.settings.steps:
-                since.append(self.train_step())
-                log = log or stack.enter_context(self._log(since[-1]))
-                if watch is not None:
-                    watch(Seen(self.step, self.settings.steps, since[-1]))
-                if self.step % self.settings.log_steps == 0 or self.step == self.settings.steps:
-                    log.write(self._row(since, time.perf_counter() - began))
-                    since.clear()
-                stopping = stop()
-                now = time.perf_counter()
-                if stopping or now - saved >= self.settings.checkpoint_seconds:
-                    self._save(now - began)
-                    saved = now
-                if stopping:
-                    raise StoppedError(self.step)
+    def _prepare(self) -> None:
+        self.learner.prepare(self._logs)
 
-    @contextlib.contextmanager
-    def _log(self, logged: dict[str, float]) -> Iterator[MetricsLog]:
-        """The table of a training that logs this; rows of steps that are done stay."""
+    def _advance(self) -> Seen:
+        self._since.append(self.train_step())
+        return Seen(self.step, self.settings.steps, self._since[-1])
+
+    def _open_log(self) -> MetricsLog:
+        """The table of a training that logs what it does; rows of steps that are done stay."""
         held = (f"held_out_{name}" for name in self.held_out())
-        columns = ("step", "wall_s", *logged, *held, "learning_rate")
-        log = MetricsLog(self.folder, self.step - 1, columns)
-        with contextlib.closing(log):
-            yield log
+        columns = ("step", "wall_s", *self._since[-1], *held, "learning_rate")
+        return MetricsLog(self.folder, self.step - 1, columns)
 
-    def _row(self, since: list[dict[str, float]], wall: float) -> dict[str, float]:
+    def _row(self) -> dict[str, float]:
+        since, self._since = self._since, []
         means = {name: _mean([(1, logged[name]) for logged in since]) for name in since[0]}
         held = {f"held_out_{name}": value for name, value in self.held_out().items()}
-        rate = learning_rate(self.settings, self.step - 1)
-        return {"step": self.step, "wall_s": wall, **means, **held, "learning_rate": rate}
-
-    def _save(self, wall_seconds: float) -> None:
-        self._wall = wall_seconds
-        at = checkpoint.Progress(
-            step=self.step,
-            wall_seconds=wall_seconds,
-            settings=self.settings.model_dump(mode="json"),
-            data=self._dataset.checksum,
-        )
-        checkpoint.write_checkpoint(self.folder / checkpoint.FILE, self._tensors(), at)
+        return {**means, **held, "learning_rate": learning_rate(self.settings, self.step - 1)}
 
     def _tensors(self) -> dict[str, Tensor]:
         tensors = under("learner", self.learner.state_dict())
@@ -180,18 +113,10 @@ class BaselineTraining:
             tensors |= under(name, optimiser_state(self.learner, optimiser))
         return tensors
 
-    def _resume(self) -> None:
-        path = self.folder / checkpoint.FILE
-        at, tensors = checkpoint.load_checkpoint(path)
-        checkpoint.check_same(self.folder, at, self.settings, RESUMABLE, self._dataset)
-        try:
-            self.learner.load_state_dict(part_of("learner", tensors))
-            for name, optimiser in self.learner.optimisers.items():
-                restore_optimiser(self.learner, optimiser, part_of(name, tensors))
-        except (RuntimeError, KeyError):
-            words = "its tensors are not those of its algorithm"
-            raise UserError(checkpoint.FIELD, path, words) from None
-        self.step, self._wall = at.step, at.wall_seconds
+    def _restore(self, tensors: dict[str, Tensor]) -> None:
+        self.learner.load_state_dict(part_of("learner", tensors))
+        for name, optimiser in self.learner.optimisers.items():
+            restore_optimiser(self.learner, optimiser, part_of(name, tensors))
 
     def _write_weights(self) -> Path:
         path = self.folder / FILE

@@ -136,7 +136,7 @@ def _imitate(settings: "BaselineSettings", folder: Path, resume: bool) -> Path:
 @contextmanager
 def _ending(folder: Path) -> Iterator[None]:
     """What a training that stops early or diverges says, and with which status it ends."""
-    from tsc_missing.training.loop import DivergedError, StoppedError
+    from tsc_missing.training.steps import DivergedError, StoppedError
 
     try:
         yield

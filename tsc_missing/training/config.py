@@ -7,7 +7,6 @@ from typing import Any, get_args
 from pydantic import Field, ValidationError
 
 from tsc_missing.baselines.config import SETTINGS, BaselineSettings, settings_class
-from tsc_missing.config import Settings
 from tsc_missing.diffusion.config import DiffLightConfig, Precision
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.files import first_problem
@@ -15,12 +14,13 @@ from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.offline.window_masks import MaskMix
 from tsc_missing.paths import bundled
 from tsc_missing.qlearning.config import Algorithm, QLearningSettings
+from tsc_missing.training.step_settings import StepSettings
 
 FIELD = "config"
 LOOKAHEAD = "lookahead"
 
 
-class TrainingSettings(Settings):
+class TrainingSettings(StepSettings):
     """Everything that the weights of a training depend on, and how often it is saved."""
 
     data: Path  # the dataset's folder
@@ -29,20 +29,12 @@ class TrainingSettings(Settings):
     told_all: float = Field(0.5, ge=0, le=1)  # share of windows whose neighbours tell everything
 
     batch: int = Field(1024, ge=1)  # [windows]
-    steps: int = Field(20_000, ge=1)
-    learning_rate: float = Field(1e-3, gt=0, allow_inf_nan=False)  # the highest
-    final_learning_rate: float = Field(1e-5, ge=0, allow_inf_nan=False)  # reached on a half cosine
-    warm_up: int = Field(200, ge=0)  # steps of rising learning rate
     weight_decay: float = Field(1e-4, ge=0, allow_inf_nan=False)
-    gradient_norm: float = Field(1.0, gt=0)  # gradients longer than this are cut to it
     ema_decay: float = Field(0.999, ge=0, lt=1)
     precision: Precision = "bfloat16"
-    seed: int = Field(0, ge=0)
 
     resident: int = Field(128, ge=1)  # episodes in memory at a time
     renew: int = Field(4, ge=1)  # steps after which one of them is exchanged
-    log_steps: int = Field(50, ge=1)  # steps that a row of metrics.csv is the mean of
-    checkpoint_seconds: float = Field(60.0, ge=0, le=60)
 
 
 RESUMABLE = frozenset({"data", "log_steps", "checkpoint_seconds"})

@@ -1,35 +1,27 @@
-"""The training loop: the same weights whether it ran through or was stopped and resumed.
+"""The training of the diffusion model."""
 
-All that is random at a step depends on the seed and the step's number: the windows, their masks
-and the noise.
-"""
-
-import contextlib
 import math
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
 
 import torch
 from safetensors.torch import save_file
+from torch import Tensor
 
 from tsc_missing.diffusion.difflight import DiffLightModel, Losses
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.weights import save_weights
 from tsc_missing.diffusion.windows import Windows, training_batch
-from tsc_missing.errors import UserError
-from tsc_missing.files import check_new_training
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
-from tsc_missing.training import checkpoint
 from tsc_missing.training.config import RESUMABLE, TrainingSettings
 from tsc_missing.training.metrics import MetricsLog
+from tsc_missing.training.steps import DivergedError, StepTraining, learning_rate
 from tsc_missing.versions import git_revision, versions
-
-WEIGHTS = "weights.safetensors"
+from tsc_missing.weights.find import FILE
+from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
 
 
 @dataclass(frozen=True)
@@ -43,35 +35,15 @@ class Seen:
     windows_per_second: float
 
 
-Watch = Callable[[Seen], None]
-
-
-class DivergedError(RuntimeError):
-    """The loss or the gradient is not finite; the weights are those of the step before."""
-
-
-class StoppedError(Exception):
-    """The training was asked to stop; ``step`` is the checkpoint's."""
-
-    def __init__(self, step: int) -> None:
-        """Nothing is lost."""
-        self.step = step
-        super().__init__(f"stopped at step {step}")
-
-
-class Training:
+class Training(StepTraining[Seen]):
     """A training in a folder: metrics, a checkpoint, in the end the weights."""
 
     def __init__(
         self, settings: TrainingSettings, dataset: Dataset, folder: Path, resume: bool = False
     ) -> None:
         """Check everything that can be wrong, and load the checkpoint to resume from."""
+        super().__init__(settings, dataset, folder)
         self.settings = settings
-        self.folder = folder
-        self.step = 0
-        self._dataset = dataset
-        self._wall = 0.0
-        torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
         self.model = DiffLightModel(settings.model).use(settings.precision)
         self.ema = Ema(self.model, settings.ema_decay)
         self._optimiser = torch.optim.AdamW(
@@ -87,59 +59,21 @@ class Training:
             settings.resident,
             settings.renew,
         )
-        if resume:
-            self._resume()
-        else:
-            check_new_training(folder)
+        self._means: _Means | None = None  # since the first step of this process
+        self._begin(resume, RESUMABLE)
 
-    @property
-    def checkpoint(self) -> Path:
-        """The file."""
-        return self.folder / checkpoint.FILE
+    def _advance(self) -> Seen:
+        self._means = self._means or _Means(self.settings)
+        losses, norm, rate = self.train_step()
+        self._means.add(losses, norm, rate, time.perf_counter())
+        return self._means.seen(self.step, losses)
 
-    def run(self, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False) -> Path:
-        """Train to the last step and write the weights; returns their file.
+    def _open_log(self) -> MetricsLog:
+        return MetricsLog(self.folder, self.step - 1)
 
-        ``stop`` is asked after every step: once it is true the state is saved, and ``StoppedError``
-        raised. A full disk raises ``UserError``: the last checkpoint is whole.
-        """
-        began = time.perf_counter() - self._wall
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            log = MetricsLog(self.folder, self.step)
-            with contextlib.closing(log):
-                self._loop(log, began, watch, stop)
-            self._save(time.perf_counter() - began)
-            return self._write_weights()
-        except OSError as error:
-            raise UserError(
-                "out",
-                self.folder,
-                f"cannot be written ({error.strerror}); the last checkpoint is whole, and "
-                "--resume goes on from it",
-            ) from error
-
-    def _loop(
-        self, log: MetricsLog, began: float, watch: Watch | None, stop: Callable[[], bool]
-    ) -> None:
-        means = _Means(self.settings)
-        if self.step == 0:
-            self._save(0.0)
-        saved = time.perf_counter()
-        while self.step < self.settings.steps:
-            losses, norm, rate = self.train_step()
-            now = time.perf_counter()
-            means.add(losses, norm, now)
-            if watch is not None:
-                watch(means.seen(self.step, losses))
-            if self.step % self.settings.log_steps == 0 or self.step == self.settings.steps:
-                log.write(means.row(self.step, now - began, rate))
-            stopping = stop()
-            if stopping or now - saved >= self.settings.checkpoint_seconds:
-                self._save(now - began)
-                saved = time.perf_counter()
-            if stopping:
-                raise StoppedError(self.step)
+    def _row(self) -> dict[str, float]:
+        assert self._means is not None
+        return self._means.row()
 
     def train_step(self) -> tuple[Losses, float, float]:
         """One optimiser step; the losses, the gradient's norm and the learning rate."""
@@ -172,24 +106,20 @@ class Training:
             f"the batch is in {path}, the checkpoint holds the weights before it"
         )
 
-    def _save(self, wall_seconds: float) -> None:
-        self._wall = wall_seconds
-        at = checkpoint.Progress(
-            step=self.step,
-            wall_seconds=wall_seconds,
-            settings=self.settings.model_dump(mode="json"),
-            data=self._dataset.checksum,
-        )
-        checkpoint.save_checkpoint(self.checkpoint, self.model, self.ema, self._optimiser, at)
+    def _tensors(self) -> dict[str, Tensor]:
+        return {
+            **under("model", self.model.state_dict()),
+            **under("ema", self.ema.state_dict()),
+            **under("optimiser", optimiser_state(self.model, self._optimiser)),
+        }
 
-    def _resume(self) -> None:
-        at, tensors = checkpoint.load_checkpoint(self.checkpoint)
-        checkpoint.check_same(self.folder, at, self.settings, RESUMABLE, self._dataset)
-        checkpoint.restore(self.checkpoint, tensors, self.model, self.ema, self._optimiser)
-        self.step, self._wall = at.step, at.wall_seconds
+    def _restore(self, tensors: dict[str, Tensor]) -> None:
+        self.model.load_state_dict(part_of("model", tensors))
+        self.ema.load_state_dict(part_of("ema", tensors))
+        restore_optimiser(self.model, self._optimiser, part_of("optimiser", tensors))
 
     def _write_weights(self) -> Path:
-        path = self.folder / WEIGHTS
+        path = self.folder / FILE
         about = {
             "data": self._dataset.about(),
             "training": self.settings.model_dump(mode="json", exclude={"model", "data"}),
@@ -203,33 +133,13 @@ class Training:
         return path
 
 
-class Rates(Protocol):
-    """The settings that a learning rate follows from."""
-
-    @property
-    def steps(self) -> int: ...  # noqa: D102
-    @property
-    def warm_up(self) -> int: ...  # noqa: D102
-    @property
-    def learning_rate(self) -> float: ...  # noqa: D102
-    @property
-    def final_learning_rate(self) -> float: ...  # noqa: D102
-
-
-def learning_rate(settings: Rates, step: int) -> float:
-    """A rise over ``warm_up`` steps, then half a cosine from the highest to the final rate."""
-    rise = min(1.0, (step + 1) / (settings.warm_up + 1))
-    part = min(1.0, step / settings.steps)
-    low, high = settings.final_learning_rate, settings.learning_rate
-    return rise * (low + (high - low) * (1 + math.cos(math.pi * part)) / 2)
-
-
 class _Means:
     """Means since the last row of the log, and a smooth rate for who watches."""
 
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
         self._rate = 0.0
+        self._learning_rate = 0.0
         self._last = time.perf_counter()
         self._start()
 
@@ -240,7 +150,7 @@ class _Means:
             ("loss", "diffusion", "inverse", "inverse_accuracy", "gradient_norm"), 0.0
         )
 
-    def add(self, losses: Losses, norm: float, now: float) -> None:
+    def add(self, losses: Losses, norm: float, learning_rate: float, now: float) -> None:
         terms = (losses.total, losses.diffusion, losses.inverse, losses.inverse_accuracy)
         values = (*(term.item() for term in terms), norm)
         for name, value in zip(self._sums, values, strict=True):
@@ -248,20 +158,15 @@ class _Means:
         rate = self._settings.batch / max(now - self._last, 1e-9)
         self._rate = rate if self._rate == 0 else 0.95 * self._rate + 0.05 * rate
         self._count += 1
+        self._learning_rate = learning_rate
         self._last = now
 
     def seen(self, step: int, losses: Losses) -> Seen:
         accuracy = losses.inverse_accuracy.item()
         return Seen(step, self._settings.steps, losses.total.item(), accuracy, self._rate)
 
-    def row(self, step: int, wall: float, rate: float) -> dict[str, float]:
+    def row(self) -> dict[str, float]:
         means = {name: total / self._count for name, total in self._sums.items()}
         speed = self._count * self._settings.batch / max(self._last - self._began, 1e-9)
         self._start()
-        return {
-            "step": step,
-            "wall_s": wall,
-            **means,
-            "learning_rate": rate,
-            "windows_per_s": speed,
-        }
+        return {**means, "learning_rate": self._learning_rate, "windows_per_s": speed}
