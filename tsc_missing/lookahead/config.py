@@ -36,10 +36,10 @@ class LookaheadSettings(Settings):
     reward_scale: float = Field(40.0, gt=0)  # [vehicles] that count as 1, likewise
 
     history: int = Field(4, ge=0, le=MOST_HISTORY)  # [decision steps] that the result looks back
-    updates: int = Field(3000, ge=1)
+    updates: int = Field(10_000, ge=1)
     batch: int = Field(1024, ge=1)  # [intersections] of an update
-    learning_rate: float = Field(2e-4, gt=0)  # falls to 0 on a straight line
-    weight_decay: float = Field(1e-2, ge=0)
+    learning_rate: float = Field(1e-3, gt=0)  # falls to 0 on a straight line
+    weight_decay: float = Field(0.1, ge=0)
     average: float = Field(0.005, gt=0, le=1)  # rate of the moving average that is kept
     seed: int = Field(0, ge=0)
 

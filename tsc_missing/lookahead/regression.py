@@ -2,12 +2,14 @@
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
 
 from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.lookahead.episode import Labelled
+from tsc_missing.network.slots import N_SLOTS, TURNS
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.seeding import stream
 
@@ -15,9 +17,10 @@ from tsc_missing.seeding import stream
 class Regression:
     """A network that goes on from the base, and learns by how much phases differ.
 
-    The loss is Huber's on A(a) = G(a) - mean_a' G(a'), divided by the mean of |A|; which phase is
-    best does not depend on the mean, and most of the noise is in it. A moving average of the
-    weights is the result.
+    The loss is Huber's on A(a) = G(a) - mean_a' G(a'), divided by the mean of |A| in the episode;
+    which phase is best does not depend on the mean, and most of the noise is in it. Episodes come
+    as often as they have returns, with their approaches in another order each time. A moving
+    average of the weights is the result.
     """
 
     def __init__(
@@ -33,14 +36,15 @@ class Regression:
         self._graphs = graphs
         self._episodes = [episode for episode in episodes if len(episode.returns)]
         self._random = stream(settings.seed, "updates")
+        counts = torch.tensor([len(e.returns.flatten(0, 1)) for e in self._episodes]).double()
+        self._shares = (counts / counts.sum()).numpy()
         self.network = PhaseValue(base.slot.width, settings.history)
         self.network.load_state_dict(base.looking_back(settings.history))
         self.average = copy.deepcopy(self.network).requires_grad_(False).eval()
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
         )
-        sizes = torch.cat([centred(e.returns).abs().flatten() for e in self._episodes])
-        self._scale = sizes[sizes > 0].mean()
+        self._scales = [_size(episode.returns) for episode in self._episodes]
         self._done = 0
 
     def update(self) -> float:
@@ -48,14 +52,16 @@ class Regression:
         settings = self._settings
         for group in self._optimiser.param_groups:
             group["lr"] = settings.learning_rate * (1 - self._done / settings.updates)
-        episode = self._episodes[self._random.integers(len(self._episodes))]
+        number = self._random.choice(len(self._shares), p=self._shares)
+        episode, scale = self._episodes[number], self._scales[number]
         count = max(1, settings.batch // episode.returns.shape[1])
         chosen = torch.from_numpy(self._random.integers(len(episode.returns), size=count))
         returns = episode.returns[chosen]
-        values = self.network(episode.features[chosen], self._graphs[episode.net])
+        order, graph = self._turned(self._graphs[episode.net])
+        values = self.network(episode.features[chosen][..., order, :], graph)
         wanted, found = centred(returns), centred(torch.where(returns.isnan(), torch.nan, values))
         there = ~returns.isnan()
-        loss = nn.functional.smooth_l1_loss(found[there] / self._scale, wanted[there] / self._scale)
+        loss = nn.functional.smooth_l1_loss(found[there] / scale, wanted[there] / scale)
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
@@ -66,6 +72,15 @@ class Regression:
                 slow.lerp_(fast, settings.average)
         self._done += 1
         return float(loss.item())
+
+    def _turned(self, graph: Graph) -> tuple[Tensor, Graph]:
+        """The slots with the approaches in another order, and the phases with them.
+
+        What a phase leads to does not depend on which approach comes from where.
+        """
+        approaches = torch.from_numpy(self._random.permutation(N_SLOTS // len(TURNS)))
+        order = (approaches[:, None] * len(TURNS) + torch.arange(len(TURNS))).flatten()
+        return order, replace(graph, phases=graph.phases[..., order])
 
     @torch.inference_mode()
     def gained(self, episodes: Sequence[Labelled]) -> float | None:
@@ -84,6 +99,13 @@ class Regression:
 def centred(returns: Tensor) -> Tensor:
     """(…, P): each less the mean of those that are not NaN, which stay so as 0."""
     return (returns - returns.nanmean(dim=-1, keepdim=True)).nan_to_num(0.0)
+
+
+def _size(returns: Tensor) -> float:
+    """The mean of |A|; 1 where no phase differs."""
+    sizes = centred(returns).abs()
+    there = sizes[sizes > 0]
+    return float(there.mean()) if len(there) else 1.0
 
 
 def _of_best(values: Tensor, returns: Tensor) -> Tensor:
