@@ -53,7 +53,8 @@ CONTROLLERS: dict[str, Entry] = {
 # Apart from the others, because they need weights:
 DIFFLIGHT = "difflight"
 LEARNED = ("advanced-colight", "attendlight", "efficient-colight")
-VALUE = "value"  # the Q-network of the scoring of that name
+VALUE = "value"  # a Q-network that is a behaviour policy, and what lookahead improves
+DECIDES = "lookahead"  # the weights of the scoring "value"
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
@@ -69,7 +70,7 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
     if name == DIFFLIGHT_PAPER:
         return (diffusion,)
     if name == DIFFLIGHT:
-        value = (VALUE if q_weights == "auto" else q_weights,)
+        value = (DECIDES if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
         return (diffusion, *(value if by_value else ()))
     learned = name in (*LEARNED, *BASELINES)
@@ -167,7 +168,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
         find_weights(settings.weights),
         settings.sampling_steps,
         settings.scoring,
-        find_weights(VALUE if q_weights == "auto" else q_weights) if by_value else None,
+        find_weights(DECIDES if q_weights == "auto" else q_weights) if by_value else None,
     )
 
 
