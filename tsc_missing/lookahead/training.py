@@ -10,7 +10,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.files import check_new_training, read_json, replace_file
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
-from tsc_missing.lookahead.episode import play_labelled, read_labelled
+from tsc_missing.lookahead.episode import Labelled, play_labelled, read_labelled
 from tsc_missing.lookahead.regression import Regression
 from tsc_missing.processes import worker_processes
 from tsc_missing.qlearning.networks import Graph, PhaseValue
@@ -103,17 +103,10 @@ class LookaheadTraining:
 
     def _learn(self, tell: Watch, stop: Callable[[], bool]) -> Path:
         settings = self.settings
-        networks = {net: scenario.folder.network for net, scenario in self._scenarios.items()}
-        interval = SignalSettings().decision_interval
-        episodes = []
-        for number in range(settings.episodes):
-            network = networks[settings.nets[number % len(settings.nets)]]
-            episodes.append(
-                read_labelled(self._episode(number), network, interval, settings.history)
-            )
-        graphs = {net: Graph.of(network) for net, network in networks.items()}
+        episodes = [self._read(number) for number in range(settings.episodes)]
         end = settings.episodes - settings.held_out
         learned, held = episodes[:end], episodes[end:]
+        graphs = {net: Graph.of(found.folder.network) for net, found in self._scenarios.items()}
         regression = Regression(settings, self._start, graphs, learned)
         for update in range(settings.updates):
             if stop():
@@ -121,15 +114,29 @@ class LookaheadTraining:
             regression.update()
             if (update + 1) % LOG == 0:
                 tell(self.there, f"learning {update + 1}/{settings.updates}")
+        gained = {"learned": regression.gained(learned), "held_out": regression.gained(held)}
+        tried = sum(len(episode.returns.flatten(0, 1)) for episode in learned)
+        return self._write_weights(regression.average, gained, tried)
+
+    def _read(self, number: int) -> Labelled:
+        network = self._scenarios[self.settings.nets[number % len(self.settings.nets)]].folder
+        interval = SignalSettings().decision_interval
+        return read_labelled(
+            self._episode(number), network.network, interval, self.settings.history
+        )
+
+    def _write_weights(
+        self, network: PhaseValue, gained: dict[str, float | None], tried: int
+    ) -> Path:
         path = self.folder / FILE
         about = {
-            "training": settings.model_dump(mode="json"),
+            "training": self.settings.model_dump(mode="json"),
             "base": self._base["checksum"],
             "sources": {net: scenario.checksums() for net, scenario in self._scenarios.items()},
-            "tried": sum(len(episode.returns.flatten(0, 1)) for episode in learned),
-            "gained": {"learned": regression.gained(learned), "held_out": regression.gained(held)},
+            "tried": tried,
+            "gained": gained,
             "versions": versions(),
             "git": git_revision(),
         }
-        save_q_network(regression.average, "value", regression.average.slot.width, path, about)
+        save_q_network(network, "value", network.slot.width, path, about)
         return path
