@@ -8,14 +8,14 @@ from pydantic import ValidationError
 
 from tsc_missing.errors import UserError
 from tsc_missing.lookahead.config import LookaheadSettings
-from tsc_missing.lookahead.episode import Labelled, draw_run
+from tsc_missing.lookahead.episode import Labelled, draw_run, read_labelled
 from tsc_missing.lookahead.regression import Regression, centred
 from tsc_missing.lookahead.training import LookaheadTraining
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.weights.file import read_tensors
 
-from tests.networks import tee_network  # isort: skip
+from tests.networks import grid_network, tee_network  # isort: skip
 
 
 def settings(small_net, tmp_path, **changes):
@@ -110,6 +110,19 @@ def test_what_can_be_wrong(small_net, tmp_path):
     plan = settings(small_net, tmp_path, base=str(tmp_path / "far.safetensors"))
     with pytest.raises(UserError, match="the base looks back 3"):
         LookaheadTraining(plan, tmp_path / "t")
+
+
+def test_episodes_that_teach_nothing(small_net, tmp_path):
+    plan = settings(small_net, tmp_path, tried=1e-9)
+    with pytest.raises(UserError, match="no phase was ever tried"):
+        LookaheadTraining(plan, tmp_path / "t").run(1)
+
+
+def test_an_episode_of_another_network(small_net, tmp_path):
+    LookaheadTraining(settings(small_net, tmp_path), tmp_path / "t").run(1)
+    path = tmp_path / "t" / "episodes" / "00000.safetensors"
+    with pytest.raises(UserError, match="not the network of the episode"):
+        read_labelled(path, grid_network(2, 2), 15, 2)
 
 
 def test_runs_are_drawn(small_net, tmp_path):

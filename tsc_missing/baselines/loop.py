@@ -32,7 +32,7 @@ class Seen:
     logged: dict[str, float]  # of the last update
 
 
-class BaselineTraining(StepTraining[Seen]):
+class BaselineTraining(StepTraining[BaselineSettings, Seen]):
     """A training in a folder: metrics, a checkpoint, in the end the weights."""
 
     def __init__(
@@ -40,7 +40,6 @@ class BaselineTraining(StepTraining[Seen]):
     ) -> None:
         """Check everything that can be wrong, and load the checkpoint to resume from."""
         super().__init__(settings, dataset, folder)
-        self.settings = settings
         self._since: list[dict[str, float]] = []  # what the steps since the last row logged
         self.learner = make_learner(settings)
         if not (dataset.manifest.complete or self.learner.takes_holes):

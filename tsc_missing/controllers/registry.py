@@ -54,7 +54,7 @@ CONTROLLERS: dict[str, Entry] = {
 DIFFLIGHT = "difflight"
 LEARNED = ("advanced-colight", "attendlight", "efficient-colight")
 VALUE = "value"  # a Q-network that is a behaviour policy, and what lookahead improves
-DECIDES = "lookahead"  # the weights of the scoring "value"
+LOOKAHEAD = "lookahead"  # the weights of the scoring "value"
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
@@ -70,7 +70,7 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
     if name == DIFFLIGHT_PAPER:
         return (diffusion,)
     if name == DIFFLIGHT:
-        value = (DECIDES if q_weights == "auto" else q_weights,)
+        value = (LOOKAHEAD if q_weights == "auto" else q_weights,)
         by_value = settings.diffusion.scoring == "value"
         return (diffusion, *(value if by_value else ()))
     learned = name in (*LEARNED, *BASELINES)
@@ -168,7 +168,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
         find_weights(settings.weights),
         settings.sampling_steps,
         settings.scoring,
-        find_weights(DECIDES if q_weights == "auto" else q_weights) if by_value else None,
+        find_weights(LOOKAHEAD if q_weights == "auto" else q_weights) if by_value else None,
     )
 
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.lookahead.config import LookaheadSettings
@@ -82,9 +83,11 @@ def play_labelled(settings: LookaheadSettings, number: int, path: Path) -> None:
 
 
 def read_labelled(path: Path, network: Network, interval: float, history: int) -> Labelled:
-    """An episode as features and returns; ``UserError`` for a file that is none."""
+    """An episode as features and returns; ``UserError`` if it is none, or of another network."""
     manifest, tensors = read_tensors(path, KIND)
     values, phase = tensors["values"].numpy(), tensors["phase"].numpy()
+    if tensors["returns"].shape[1:] != network.phase_mask.shape:
+        raise UserError("nets", manifest["net"], f"it is not the network of the episode {path}")
     red_steps = red_steps_of(network, phase)
     features = log_features(SlotTables.of(network, interval), values, red_steps, history)
     chosen = torch.from_numpy(features)[tensors["steps"]]

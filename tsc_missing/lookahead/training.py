@@ -106,6 +106,8 @@ class LookaheadTraining:
         episodes = [self._read(number) for number in range(settings.episodes)]
         end = settings.episodes - settings.held_out
         learned, held = episodes[:end], episodes[end:]
+        if not any(len(episode.returns) for episode in learned):
+            raise UserError("tried", settings.tried, "it must be larger: no phase was ever tried")
         graphs = {net: Graph.of(found.folder.network) for net, found in self._scenarios.items()}
         regression = Regression(settings, self._start, graphs, learned)
         for update in range(settings.updates):

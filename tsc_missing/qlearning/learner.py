@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.config import QLearningSettings
-from tsc_missing.qlearning.networks import Graph, PhaseValue, QNetwork, make_q_network
+from tsc_missing.qlearning.networks import Graph, QNetwork, make_q_network
 from tsc_missing.qlearning.replay import Transitions
 from tsc_missing.qlearning.weights import load_q_network
 
@@ -44,9 +44,7 @@ class Learner:
                 raise UserError("start", weights, f"its {name} is {manifest[name]}")
         if network.history > self._settings.history:
             raise UserError("start", weights, f"its history is {network.history}")
-        state = network.state_dict()
-        if isinstance(network, PhaseValue):
-            state = network.looking_back(self._settings.history)
+        state = network.looking_back(self._settings.history)
         for mine in (self.network, self.target, self.acting):
             mine.load_state_dict(state)
 

@@ -53,6 +53,12 @@ class QNetwork(nn.Module, ABC):
         """
         return self._values(x, graph).masked_fill(~graph.phase_mask, NO_PHASE)
 
+    def looking_back(self, history: int) -> dict[str, Tensor]:
+        """Its weights for a network that looks back as far or further and gives the same values."""
+        if history == self.history:
+            return dict(self.state_dict())
+        raise ValueError(f"{type(self).__name__} looks back {self.history} decision steps")
+
     @abstractmethod
     def _values(self, x: Tensor, graph: Graph) -> Tensor:
         """(B, N, P), anything where there is no phase."""
@@ -191,7 +197,7 @@ class PhaseValue(QNetwork):
         self.level = dense(width, width, 1)
 
     def looking_back(self, history: int) -> dict[str, Tensor]:
-        """Its weights for a network that looks further back, and gives the same values."""
+        """The features of the steps that it does not see get weights of zero."""
         state = dict(self.state_dict())
         name = "slot.layers.0.weight"
         features, place = state[name][:, :-N_SLOTS], state[name][:, -N_SLOTS:]

@@ -35,7 +35,7 @@ class Seen:
     windows_per_second: float
 
 
-class Training(StepTraining[Seen]):
+class Training(StepTraining[TrainingSettings, Seen]):
     """A training in a folder: metrics, a checkpoint, in the end the weights."""
 
     def __init__(
@@ -43,7 +43,6 @@ class Training(StepTraining[Seen]):
     ) -> None:
         """Check everything that can be wrong, and load the checkpoint to resume from."""
         super().__init__(settings, dataset, folder)
-        self.settings = settings
         self.model = DiffLightModel(settings.model).use(settings.precision)
         self.ema = Ema(self.model, settings.ema_decay)
         self._optimiser = torch.optim.AdamW(

@@ -23,6 +23,7 @@ from tsc_missing.training import checkpoint
 from tsc_missing.training.metrics import MetricsLog
 from tsc_missing.training.step_settings import StepSettings
 
+P = TypeVar("P", bound=StepSettings)
 S = TypeVar("S")  # the state of a training for who watches it
 
 
@@ -39,17 +40,17 @@ class StoppedError(Exception):
         super().__init__(f"stopped at step {step}")
 
 
-class StepTraining(ABC, Generic[S]):
+class StepTraining(ABC, Generic[P, S]):
     """What the trainings have in common; a subclass makes its model between the two calls here.
 
     ``__init__`` seeds torch for fresh weights; ``_begin`` then loads the checkpoint to resume from.
     """
 
-    def __init__(self, settings: StepSettings, dataset: Dataset, folder: Path) -> None:
+    def __init__(self, settings: P, dataset: Dataset, folder: Path) -> None:
         """Nothing is checked yet."""
         self.folder = folder
         self.step = 0
-        self._settings = settings
+        self.settings = settings
         self._dataset = dataset
         self._wall = 0.0
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
@@ -68,7 +69,7 @@ class StepTraining(ABC, Generic[S]):
             check_new_training(self.folder)
             return
         at, tensors = checkpoint.load_checkpoint(self.checkpoint)
-        checkpoint.check_same(self.folder, at, self._settings, resumable, self._dataset)
+        checkpoint.check_same(self.folder, at, self.settings, resumable, self._dataset)
         try:
             self._restore(tensors)
         except (RuntimeError, KeyError):
@@ -107,17 +108,17 @@ class StepTraining(ABC, Generic[S]):
         saved = time.perf_counter()
         with contextlib.ExitStack() as stack:
             log: MetricsLog | None = None
-            while self.step < self._settings.steps:
+            while self.step < self.settings.steps:
                 seen = self._advance()
                 log = log or stack.enter_context(contextlib.closing(self._open_log()))
                 if watch is not None:
                     watch(seen)
-                if self.step % self._settings.log_steps == 0 or self.step == self._settings.steps:
+                if self.step % self.settings.log_steps == 0 or self.step == self.settings.steps:
                     at = {"step": self.step, "wall_s": time.perf_counter() - began}
                     log.write({**at, **self._row()})
                 stopping = stop()
                 now = time.perf_counter()
-                if stopping or now - saved >= self._settings.checkpoint_seconds:
+                if stopping or now - saved >= self.settings.checkpoint_seconds:
                     self._save(now - began)
                     saved = now
                 if stopping:
@@ -128,7 +129,7 @@ class StepTraining(ABC, Generic[S]):
         at = checkpoint.Progress(
             step=self.step,
             wall_seconds=wall_seconds,
-            settings=self._settings.model_dump(mode="json"),
+            settings=self.settings.model_dump(mode="json"),
             data=self._dataset.checksum,
         )
         checkpoint.write_checkpoint(self.checkpoint, self._tensors(), at)
