@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tsc_missing.network.records import IntersectionRecord
 
+MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
 
 
@@ -75,6 +76,8 @@ class SignalSettings(Settings):
     all_red: int = Field(0, ge=0)  # after the yellow, inside the interval
     min_green: int = Field(10, ge=0)
     max_red: int = Field(240, ge=0)  # 0: no bound; for controllers that decide on values
+    min_space: int | None = Field(None, ge=0)  # [vehicles a lane] kept free between intersections;
+    # 0: none; None: MIN_SPACE for DiffLight by values, else none
     network_timing: bool = True  # where an intersection has its own yellow and min_green, those
 
     def yellow_at(self, node: IntersectionRecord) -> int:
@@ -106,6 +109,7 @@ class DiffusionSettings(Settings):
 
     weights: str = "universal"  # a name or a path (see ``controllers.diffusion_weights``)
     sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
+    samples: int = Field(4, ge=1)  # of what may be where nothing is seen, for scoring "value"
     scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
 
 
@@ -117,8 +121,8 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time", "expected-queue"] = (
-        "auto"  # auto: none with imputer diffusion
+    blind: Literal["auto", "none", "fixed-time", "isolated", "expected-queue"] = (
+        "auto"  # see ``controllers.registry.make_controller``
     )
     diffusion: DiffusionSettings = DiffusionSettings()
     q_weights: str = "auto"  # of a Q-network, a name or a path; auto: those of the controller

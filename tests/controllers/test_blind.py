@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tests.controllers.helpers import A, B, Scripted, context, cross_and_tee, observe, with_holes
+from tests.networks import grid_network
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.fixed_time import PlainCycle
 
@@ -65,3 +66,17 @@ def test_estimates_pass_through(network):
     inner = Scripted(INNER)
     inner.estimate = np.ones((2, 12, 2))
     assert Blind(inner, PlainCycle(15.0)).estimates() is inner.estimate
+
+
+def test_isolated_only_where_no_neighbour_is_seen_either(network):
+    blind = Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=0, isolated=True)
+    phases = run(blind, network, [[B], [A, B], [A]])
+    assert phases[:, A].tolist() == [3, 1, 3]
+    assert phases[:, B].tolist() == [2, 1, 2]
+
+
+def test_isolated_is_any_blind_intersection_that_has_no_neighbours():
+    network = grid_network(1, 1)
+    blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), isolated=True)
+    blind.reset(context(network, sensors=~network.slot_mask))
+    assert blind.decide(observe(network)).tolist() == [0]

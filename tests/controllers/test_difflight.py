@@ -134,6 +134,57 @@ def test_estimates_and_plans_are_those_of_the_last_decision(controller):
     assert controller.estimates() is None
 
 
+class TestSamples:
+    """Several samples of an intersection of which nothing is known."""
+
+    @pytest.fixture
+    def make(self, weights, values):
+        def made(samples):
+            return DiffLight(weights, 3, "value", values, samples)
+
+        return made
+
+    def run(self, controller, dark, poison=0.0):
+        """What each decision was planned on, and the phases."""
+        controller.reset(context_for(GRID))
+        found = []
+        for observation in observations(GRID):
+            observation.mask[dark] = False
+            observation.values[dark] = poison
+            phases = controller.decide(observation)
+            found.append((controller._planned, phases.tolist()))
+        return found
+
+    def test_only_what_is_not_seen_differs_between_them(self, make):
+        for planned, _ in self.run(make(4), dark=[1, 4]):
+            samples = planned.samples
+            assert len(samples) == 4
+            for other in samples[1:]:
+                assert not np.array_equal(other[[1, 4]], samples[0][[1, 4]])
+                np.testing.assert_array_equal(other[[0, 2, 3, 5]], samples[0][[0, 2, 3, 5]])
+
+    def test_the_first_is_that_of_one_sample(self, make):
+        several, one = (self.run(make(samples), dark=[1]) for samples in (4, 1))
+        np.testing.assert_allclose(
+            several[0][0].samples[0], one[0][0].samples[0], rtol=1e-3, atol=1e-3
+        )
+        assert len(one[0][0].samples) == 1
+
+    def test_what_is_under_the_mask_does_not_matter(self, make):
+        plain = self.run(make(3), dark=[0, 1])
+        poisoned = self.run(make(3), dark=[0, 1], poison=1e9)
+        assert [phases for _, phases in plain] == [phases for _, phases in poisoned]
+
+    def test_nobody_is_sampled_again_where_everybody_is_seen(self, make):
+        controller = make(4)
+        controller.reset(context_for(GRID))
+        for observation in observations(GRID):
+            observation.mask[:, 4] = True
+            observation.values[:, 4] = 1.0
+            controller.decide(observation)
+            assert len(controller._planned.samples) == 1
+
+
 def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):
     context = context_for(GRID)
     context.sensors[1] = False

@@ -10,7 +10,7 @@ import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
 from tsc_missing.cli.options import make_settings, missing_rate
-from tsc_missing.config import RunSettings
+from tsc_missing.config import MIN_SPACE, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -47,6 +47,10 @@ def run(
     sampling_steps: Annotated[
         int, typer.Option(help="Diffusion: reverse steps a decision.")
     ] = DEFAULT.diffusion.sampling_steps,
+    samples: Annotated[
+        int,
+        typer.Option(help="Scoring value: samples of what may be where nothing is seen."),
+    ] = DEFAULT.diffusion.samples,
     scoring: Annotated[
         str, typer.Option(help="difflight: what scores phases: inverse, queue, mixed or value.")
     ] = DEFAULT.diffusion.scoring,
@@ -109,6 +113,14 @@ def run(
             "says; fixed plans stay as they are. 0: no bound."
         ),
     ] = DEFAULT.signals.max_red,
+    min_space: Annotated[
+        int | None,
+        typer.Option(
+            help="Vehicles a lane for which roads between intersections shall have room; one that "
+            "has less is served first. 0: none; fixed plans stay as they are.",
+            show_default=f"{MIN_SPACE} for difflight by values, else 0",
+        ),
+    ] = DEFAULT.signals.min_space,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="The run folder to write. Default: a new one in runs/")
@@ -126,7 +138,12 @@ def run(
         controller=controller,
         imputer=imputer,
         blind=blind,
-        diffusion={"weights": weights, "sampling_steps": sampling_steps, "scoring": scoring},
+        diffusion={
+            "weights": weights,
+            "sampling_steps": sampling_steps,
+            "samples": samples,
+            "scoring": scoring,
+        },
         q_weights=q_weights,
         missing={
             "pattern": missing,
@@ -141,6 +158,7 @@ def run(
             "all_red": all_red,
             "min_green": DEFAULT.signals.min_green if min_green is None else min_green,
             "max_red": max_red,
+            "min_space": min_space,
             "network_timing": yellow is None and min_green is None,
         },
         seed=seed,

@@ -21,6 +21,7 @@ class ControlContext:
     decision_interval: float  # [s]
     lost_time: float  # [s] yellow and all-red at a change of phase
     seed: int
+    spacing: float = 7.5  # [m] of a lane that a standing vehicle takes, its gap included
 
 
 class Controller(ABC):

@@ -13,23 +13,30 @@ class Blind(Controller):
     """A controller that leaves intersections without information to a fixed cycle.
 
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
-    than ``stale_steps`` steps. The cycle is asked at every step and keeps its own time, so that
-    an outage enters the plan where it stands (plans of neighbours stay coordinated) and never
-    begins it anew; the inner controller is asked at every step too, so that its memory is
-    unbroken when sensors come back.
+    than ``stale_steps`` steps; where ``isolated``, it is left to the cycle only if all adjacent
+    intersections are blind too, so that nothing tells what may be there. The cycle is asked at
+    every step and keeps its own time, so that an outage enters the plan where it stands (plans of
+    neighbours stay coordinated) and never begins it anew; the inner controller is asked at every
+    step too, so that its memory is unbroken when sensors come back.
     """
 
     def __init__(
-        self, controller: Controller, cycle: Controller, stale_steps: int = STALE_STEPS
+        self,
+        controller: Controller,
+        cycle: Controller,
+        stale_steps: int = STALE_STEPS,
+        isolated: bool = False,
     ) -> None:
         """``cycle`` decides at blind intersections; it must not need values."""
         self.controller = controller
         self.cycle = cycle
+        self._isolated = isolated
         self._stale_steps = stale_steps
 
     def reset(self, context: ControlContext) -> None:
         """Reset both, and count every intersection as just seen."""
         self._slots = context.network.slot_mask
+        self._adjacent = context.network.adjacency
         self._equipped = (context.sensors & self._slots).any(axis=1)
         self._silent = np.zeros(context.network.n, dtype=np.int64)
         self.controller.reset(context)
@@ -40,6 +47,8 @@ class Blind(Controller):
         seen = (observation.mask & self._slots).any(axis=1)
         self._silent = np.where(seen, 0, self._silent + 1)
         blind = ~self._equipped | (self._silent > self._stale_steps)
+        if self._isolated:
+            blind &= ~(self._adjacent & ~blind).any(axis=1)
         return np.where(blind, self.cycle.decide(observation), self.controller.decide(observation))
 
     def estimates(self) -> FloatArray | None:

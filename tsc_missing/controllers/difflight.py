@@ -24,7 +24,8 @@ Scoring = Literal["inverse", "queue", "mixed", "value"]
 ``queue``: by the queues of the present, imputed where not observed (max-queue).
 ``mixed``: as ``inverse`` where the intersection has a sensor, so that the reward guides its plan;
 as ``queue`` where it has none.
-``value``: by a Q-network on the present, imputed where not observed.
+``value``: by a Q-network on the present, imputed where not observed; where an intersection is not
+seen at all, by the mean over several samples of it.
 """
 
 NO_PHASE = -1  # the answer where the model gave no number
@@ -42,14 +43,18 @@ class DiffLight(Controller):
         sampling_steps: int = 10,
         scoring: Scoring = "inverse",
         q_weights: Path | None = None,
+        samples: int = 1,
     ) -> None:
         """Load the weights; ``sampling_steps`` reverse steps a decision.
 
-        ``q_weights`` are those of the Q-network for the scoring "value". Raises ``UserError`` for
+        ``q_weights`` are those of the Q-network for the scoring "value", which takes the mean
+        value over ``samples`` of what may be where nothing is known. Raises ``UserError`` for
         weights that cannot be used.
         """
         guided = scoring in ("inverse", "mixed")  # else the present is wanted as it is believed
-        self._planner = load_planner(weights, sampling_steps, guided)
+        self._planner = load_planner(
+            weights, sampling_steps, guided, samples if scoring == "value" else 1
+        )
         self._scoring = scoring
         self._q = None if q_weights is None else load_q(q_weights)
         self._planned: Planned | None = None
@@ -91,8 +96,9 @@ class DiffLight(Controller):
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
         if self._q is not None:
-            past, red_steps = planned.past.swapaxes(0, 1), planned.red_steps.swapaxes(0, 1)
-            return self._values.of(past, red_steps)
+            red_steps = planned.red_steps.swapaxes(0, 1)
+            values = [self._values.of(past.swapaxes(0, 1), red_steps) for past in planned.samples]
+            return np.asarray(np.mean(values, axis=0))
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
 
@@ -104,14 +110,14 @@ def best_finite(scores: FloatArray) -> IntArray:
     return np.where(usable, best, NO_PHASE).astype(np.int64)
 
 
-def load_planner(weights: Path, sampling_steps: int, guided: bool) -> Planner:
+def load_planner(weights: Path, sampling_steps: int, guided: bool, samples: int = 1) -> Planner:
     """The model of a weights file, ready to plan; imports torch.
 
     Raises ``UserError`` for weights that cannot be used.
     """
     from tsc_missing.controllers.planner import Planner
 
-    return Planner(weights, sampling_steps, guided)
+    return Planner(weights, sampling_steps, guided, samples)
 
 
 def load_q(weights: Path) -> Callable[[ControlContext], PhaseValues]:

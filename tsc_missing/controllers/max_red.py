@@ -3,6 +3,7 @@
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.controllers.scores import overruled
 from tsc_missing.network.model import FloatArray, IntArray
 from tsc_missing.sensing.observation import VEHICLES, Observation
 
@@ -37,13 +38,7 @@ class MaxRed(Controller):
         red = observation.red_steps * self._interval  # (N, 12) [s] until now
         empty = observation.mask & (observation.values[:, :, VEHICLES] <= 0)
         overdue = self._bound & ~empty & (red + self._interval > self._max_red)
-        if not overdue.any():
-            return phases
-        seconds = np.where(overdue, red, 0.0)
-        scores = (self._network.phases * seconds[:, None, :]).sum(axis=2)  # (N, P)
-        best = scores.max(axis=1)
-        own = (scores == best[:, None])[np.arange(len(phases)), phases] & (phases >= 0)
-        return np.where((best > 0) & ~own, scores.argmax(axis=1), phases).astype(np.int64)
+        return overruled(self._network, phases, np.where(overdue, red, 0.0))
 
     def estimates(self) -> FloatArray | None:
         """(N, 12, F): the controller's."""

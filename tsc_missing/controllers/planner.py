@@ -13,6 +13,7 @@ from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.diffusion.config import Precision
 from tsc_missing.diffusion.history import History
 from tsc_missing.diffusion.memory import keep_freed_memory
+from tsc_missing.diffusion.samples import all_samples, unseen, with_copies
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import FloatArray, IntArray
@@ -26,15 +27,20 @@ THREADS = 1  # two wait for each other at every small product, seconds long on a
 class Planned:
     """What the model makes of an observation and those before it."""
 
-    past: FloatArray  # (N, C, 12, F) [vehicles] the last observations without holes, newest last
+    samples: FloatArray  # (M, N, C, 12, F) [vehicles] the last observations without holes
     red_steps: IntArray  # (N, C, 12) with them
     future: FloatArray  # (N, H, 12, F) [vehicles] planned
     logits: FloatArray  # (N, P) of the phase to run now, -inf without the phase
 
     @property
     def present(self) -> FloatArray:
-        """(N, 12, F) [vehicles]: the newest observation without holes."""
-        return self.past[:, -1]
+        """(N, 12, F) [vehicles]: the newest observation without holes, of the first sample.
+
+        The mean of the samples would be nearer to the truth, but a road that is full in some of
+        them is full in no mean.
+        """
+        present: FloatArray = self.samples[0, :, -1]
+        return present
 
 
 class Planner:
@@ -44,8 +50,11 @@ class Planner:
     from the context's seed.
     """
 
-    def __init__(self, weights: Path, sampling_steps: int, guided: bool) -> None:
+    def __init__(self, weights: Path, sampling_steps: int, guided: bool, samples: int = 1) -> None:
         """Load the model; not ``guided`` leaves rewards out, for imputation only.
+
+        ``samples`` M are generated of intersections of which nothing is known; of all others, and
+        where there are none, one.
 
         Sets the number of threads and the memory settings of the process. Raises ``UserError``
         for weights that cannot be used.
@@ -59,6 +68,7 @@ class Planner:
             )
         self._sampling_steps = sampling_steps
         self._guided = guided
+        self._copies = samples - 1
         torch.set_num_threads(THREADS)
         keep_freed_memory()
 
@@ -77,13 +87,18 @@ class Planner:
     def plan(self, observation: Observation) -> Planned:
         """Take in the next observation of the run, fill its holes and plan from it."""
         self._recent.take(observation)
-        noise = self.model.initial_noise(len(self._slots), self._generator)
-        plan = self.model.plan(self._history(), noise, self._sampling_steps, self._guided)
+        history = self._history()
+        count, rows = len(history.slots), unseen(history)
+        noise = [self.model.initial_noise(count, self._generator)]
+        if self._copies and len(rows):
+            history = with_copies(history, rows, self._copies)
+            noise.append(self.model.initial_noise(self._copies * len(rows), self._generator))
+        plan = self.model.plan(history, torch.cat(noise), self._sampling_steps, self._guided)
         return Planned(
-            past=plan.imputed.double().numpy(),
+            samples=all_samples(plan.imputed, rows, count).double().numpy(),
             red_steps=self._recent.red_steps,
-            future=plan.future.double().numpy(),
-            logits=plan.logits.double().numpy(),
+            future=plan.future[:count].double().numpy(),
+            logits=plan.logits[:count].double().numpy(),
         )
 
     def _history(self) -> History:

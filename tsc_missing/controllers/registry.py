@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.baselines.config import train_command
-from tsc_missing.config import DiffusionSettings, RunSettings
+from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
@@ -17,6 +17,7 @@ from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.random_phases import RandomPhases
+from tsc_missing.controllers.spillback import Spillback
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import DIFFUSION, check_imputer, make_imputer
@@ -60,6 +61,7 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
+    "isolated": lambda controller: Blind(controller, FixedTime(), isolated=True),
 }
 
 
@@ -71,8 +73,7 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
         return (diffusion,)
     if name == DIFFLIGHT:
         value = (LOOKAHEAD if q_weights == "auto" else q_weights,)
-        by_value = settings.diffusion.scoring == "value"
-        return (diffusion, *(value if by_value else ()))
+        return (diffusion, *(value if by_value(name, settings.diffusion) else ()))
     learned = name in (*LEARNED, *BASELINES)
     found = (policy_weights(name, q_weights, settings.net),) if learned else ()
     fills = bool(found) or (name in CONTROLLERS and CONTROLLERS[name].needs_values)
@@ -92,6 +93,11 @@ def policy_weights(controller: str, q_weights: str, net: str) -> str:
     return f"{controller}-{network_name(net)}" if controller in BASELINES else controller
 
 
+def by_value(controller: str, diffusion: DiffusionSettings) -> bool:
+    """Whether it is DiffLight that decides by the values of a Q-network."""
+    return controller == DIFFLIGHT and diffusion.scoring == "value"
+
+
 def uses_weights(settings: RunSettings) -> bool:
     """Whether the run's controller, or the imputer that it is composed with, is a trained model."""
     return bool(weights_of(settings))
@@ -105,36 +111,40 @@ def make_controller(
     q_weights: str = "auto",
     max_red: int = 0,
     net: str = "",
+    min_space: int = 0,
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    Where it decides on values ``MaxRed`` bounds its reds by ``max_red`` [s], if that is not 0;
-    fixed plans are left as they are.
-    The rule "auto" is the fixed cycle, or none with the diffusion imputer, which knows what its
-    values at blind intersections come from, and for ``difflight-paper``. ``q_weights`` are those of
-    a learned policy, a name or a path; "auto" are packaged ones, of baselines those for the network
-    ``net``. Raises ``UserError`` for names that are unknown and for weights that cannot be used.
+    Where it decides on values ``MaxRed`` bounds its reds by ``max_red`` [s], and ``Spillback``
+    keeps ``min_space`` [vehicles a lane] free, each if it is not 0; fixed plans are left as they
+    are, but for those at blind intersections, which ``Spillback`` may interrupt.
+    The rule "auto" is the fixed cycle; but none with the diffusion imputer, which knows what its
+    values at blind intersections come from, and for ``difflight-paper``; and for ``difflight`` by
+    values the fixed cycle only where no adjacent intersection is seen either.
+    ``q_weights`` are those of a learned policy, a name or a path; "auto" are packaged ones, of
+    baselines those for the network ``net``. Raises ``UserError`` for names that are unknown and
+    for weights that cannot be used.
     """
     if name not in (DIFFLIGHT, DIFFLIGHT_PAPER, *CONTROLLERS, *LEARNED, *BASELINES):
         known = [*CONTROLLERS, *LEARNED, *BASELINES, DIFFLIGHT, DIFFLIGHT_PAPER, *NATIVE]
         raise UserError("controller", name, nearest(name, known))
+    diffusion = diffusion or DiffusionSettings()
     if blind == "auto":
-        generates = imputer == DIFFUSION and name != DIFFLIGHT
-        blind = "none" if generates or name == DIFFLIGHT_PAPER else "fixed-time"
+        blind = _blind_rule(name, imputer, diffusion)
     if blind not in BLIND:
         raise UserError("blind", blind, nearest(blind, BLIND))
     check_imputer(imputer)
     if name == DIFFLIGHT:
-        decides = _difflight(diffusion or DiffusionSettings(), q_weights)
-        return BLIND[blind](bounded(decides, max_red))
+        decides = _difflight(diffusion, q_weights)
+        return roomy(BLIND[blind](bounded(decides, max_red)), min_space)
     if name == DIFFLIGHT_PAPER:
-        decides = _published(diffusion or DiffusionSettings())
-        return BLIND[blind](bounded(decides, max_red))
+        decides = _published(diffusion)
+        return roomy(BLIND[blind](bounded(decides, max_red)), min_space)
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights, net), True)
     if not entry.needs_values:
         return entry.make()
     imputed = Imputed(make_imputer(imputer, diffusion), entry.make())
-    return BLIND[blind](bounded(imputed, max_red))
+    return roomy(BLIND[blind](bounded(imputed, max_red)), min_space)
 
 
 def controller_of(settings: RunSettings) -> Controller:
@@ -147,12 +157,26 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.q_weights,
         settings.signals.max_red,
         settings.net,
+        min_space_of(settings),
     )
+
+
+def min_space_of(settings: RunSettings) -> int:
+    """The space [vehicles a lane] that ``Spillback`` keeps free in a run; 0 for none."""
+    space = settings.signals.min_space
+    if space is None:
+        return MIN_SPACE if by_value(settings.controller, settings.diffusion) else 0
+    return space
 
 
 def bounded(controller: Controller, max_red: int) -> Controller:
     """The controller with a maximum red [s], or as it is where that is 0."""
     return MaxRed(controller, max_red) if max_red else controller
+
+
+def roomy(controller: Controller, min_space: int) -> Controller:
+    """The controller with space kept free [vehicles a lane], or as it is where that is 0."""
+    return Spillback(controller, min_space) if min_space else controller
 
 
 def make_policy(name: str) -> Controller:
@@ -162,13 +186,22 @@ def make_policy(name: str) -> Controller:
     return CONTROLLERS[name].make()
 
 
+def _blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
+    """What "auto" is."""
+    if by_value(name, diffusion):
+        return "isolated"
+    generates = name == DIFFLIGHT_PAPER or (imputer == DIFFUSION and name != DIFFLIGHT)
+    return "none" if generates else "fixed-time"
+
+
 def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
-    by_value = settings.scoring == "value"
+    values = LOOKAHEAD if q_weights == "auto" else q_weights
     return DiffLight(
         find_weights(settings.weights),
         settings.sampling_steps,
         settings.scoring,
-        find_weights(LOOKAHEAD if q_weights == "auto" else q_weights) if by_value else None,
+        find_weights(values) if by_value(DIFFLIGHT, settings) else None,
+        settings.samples,
     )
 
 

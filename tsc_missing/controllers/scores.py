@@ -30,6 +30,18 @@ def best_phases(scores: FloatArray, name: str) -> IntArray:
     return best
 
 
+def overruled(network: Network, phases: IntArray, urgency: FloatArray) -> IntArray:
+    """(N,): ``phases`` (N,), but where slots are urgent the phase that serves most of it.
+
+    ``urgency`` (N, 12) is at least 0 and 0 where there is no hurry; among phases that serve equally
+    much of it the given one stays, else the lowest is next.
+    """
+    scores = np.where(network.phases, urgency[:, None, :], 0.0).sum(axis=2).round(TIE_DECIMALS)
+    best = scores.max(axis=1)
+    own = (scores == best[:, None])[np.arange(len(phases)), phases] & (phases >= 0)
+    return np.where((best > 0) & ~own, scores.argmax(axis=1), phases).astype(np.int64)
+
+
 def downstream_mean(network: Network, values: FloatArray, boundary: FloatArray) -> FloatArray:
     """(N, 12): the mean per lane over the roads that each slot's movement leads to.
 
