@@ -187,6 +187,14 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     refused(command, "batch", "small.toml", "--out", "b", words=words)
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
+    unknown = {**record["settings"], "signals": {"yellow": 5}}  # to a version without the others
+    path.write_text(json.dumps({**record, "settings": unknown, "versions": {"libsumo": "1.0"}}))
+    kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
+    assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
+    other = {**record["settings"], "signals": {"yellow": 4}}
+    path.write_text(json.dumps({**record, "settings": other, "versions": {"libsumo": "1.0"}}))
+    words = ["other settings", "signals.yellow was 4, is 5"]
+    refused(command, "batch", "small.toml", "--out", "b", "--any-version", words=words)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1"])

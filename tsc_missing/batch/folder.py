@@ -131,8 +131,10 @@ def finished_runs(
             _same("versions", record.get("versions"), versions(), out, spec.name)
         settings = spec.settings
         wanted = settings.model_dump(mode="json")
-        if not any_version or set(record["settings"]) == set(wanted):
-            _same("settings", record.get("settings"), wanted, out, spec.name)
+        found = record.get("settings")
+        if any_version:  # other versions may know other settings
+            found, wanted = in_both(found, wanted), in_both(wanted, found)
+        _same("settings", found, wanted, out, spec.name)
         key = (settings.net, settings.demand, weights_of(settings))
         if key not in known:
             known[key] = checksums(settings, scenarios[spec.name])
@@ -167,6 +169,13 @@ def first_difference(found: Any, wanted: Any, at: str = "") -> tuple[str, Any, A
                 return deeper
         return None
     return None if found == wanted else (at, found, wanted)
+
+
+def in_both(one: Any, other: Any) -> Any:
+    """``one`` without what ``other`` has no key for, in nested tables too."""
+    if not isinstance(one, dict) or not isinstance(other, dict):
+        return one
+    return {key: in_both(value, other[key]) for key, value in one.items() if key in other}
 
 
 def clear_leftovers(out: Path, name: str | None = None) -> None:
