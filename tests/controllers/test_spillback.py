@@ -17,6 +17,7 @@ from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.fixed_time import FixedTime
+from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import MIN_SPACE, make_controller, min_space_of
 from tsc_missing.controllers.spillback import Spillback, storage
 
@@ -120,3 +121,9 @@ def test_who_has_it():
     given_space = queue.signals.model_copy(update={"min_space": 4})
     assert min_space_of(queue.model_copy(update={"signals": given_space})) == 4
     assert isinstance(make_controller("max-queue", "last", "none", min_space=4), Spillback)
+
+
+def test_a_maximum_red_has_the_last_word_so_that_short_roads_starve_nobody():
+    controller = make_controller("max-queue", "last", "none", max_red=240, min_space=4)
+    assert isinstance(controller, MaxRed)
+    assert isinstance(controller.controller, Spillback)

@@ -115,9 +115,9 @@ def make_controller(
 ) -> Controller:
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
-    Where it decides on values ``MaxRed`` bounds its reds by ``max_red`` [s], and ``Spillback``
-    keeps ``min_space`` [vehicles a lane] free, each if it is not 0; fixed plans are left as they
-    are, but for those at blind intersections, which ``Spillback`` may interrupt.
+    Where it decides on values ``Spillback`` keeps ``min_space`` [vehicles a lane] free, and
+    ``MaxRed`` bounds its reds by ``max_red`` [s], which has the last word, each if it is not 0;
+    fixed plans are left as they are.
     The rule "auto" is the fixed cycle; but none with the diffusion imputer, which knows what its
     values at blind intersections come from, and for ``difflight-paper``; and for ``difflight`` by
     values the fixed cycle only where no adjacent intersection is seen either.
@@ -136,15 +136,15 @@ def make_controller(
     check_imputer(imputer)
     if name == DIFFLIGHT:
         decides = _difflight(diffusion, q_weights)
-        return roomy(BLIND[blind](bounded(decides, max_red)), min_space)
+        return BLIND[blind](bounded(roomy(decides, min_space), max_red))
     if name == DIFFLIGHT_PAPER:
         decides = _published(diffusion)
-        return roomy(BLIND[blind](bounded(decides, max_red)), min_space)
+        return BLIND[blind](bounded(roomy(decides, min_space), max_red))
     entry = CONTROLLERS.get(name) or Entry(lambda: _learned(name, q_weights, net), True)
     if not entry.needs_values:
         return entry.make()
     imputed = Imputed(make_imputer(imputer, diffusion), entry.make())
-    return roomy(BLIND[blind](bounded(imputed, max_red)), min_space)
+    return BLIND[blind](bounded(roomy(imputed, min_space), max_red))
 
 
 def controller_of(settings: RunSettings) -> Controller:
