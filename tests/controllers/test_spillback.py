@@ -82,6 +82,13 @@ def test_an_estimate_stands_in_for_a_sensor_that_did_not_report(network):
     assert decide(network, holding(network), estimate=full) == [1, 2]  # what is seen counts
 
 
+def test_a_sensor_that_reports_no_number_did_not_report(network):
+    seen = holding(network, a=35)
+    full = seen.values.copy()
+    seen.values[A, slot("E-left")] = np.nan
+    assert decide(network, seen, estimate=full) == [2, 2]
+
+
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 def test_estimates_that_are_no_numbers_change_nothing(network, number):
     dark = with_holes(holding(network), network.slot_mask)

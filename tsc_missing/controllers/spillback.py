@@ -3,6 +3,7 @@
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.controllers.recent import reported
 from tsc_missing.controllers.scores import overruled
 from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
@@ -51,7 +52,7 @@ class Spillback(Controller):
         seen = observation.values[:, :, VEHICLES]
         estimates = self.controller.estimates()
         if estimates is not None:
-            seen = np.where(observation.mask, seen, estimates[:, :, VEHICLES])
+            seen = np.where(reported(observation), seen, estimates[:, :, VEHICLES])
         return np.nan_to_num(seen, nan=0.0, posinf=0.0, neginf=0.0)
 
     def estimates(self) -> FloatArray | None:
