@@ -8,13 +8,15 @@ from pydantic import ValidationError
 
 from tsc_missing.errors import UserError
 from tsc_missing.lookahead.config import LookaheadSettings
-from tsc_missing.lookahead.episode import Labelled, draw_run, read_labelled
+from tsc_missing.lookahead.episode import draw_run, read_played
+from tsc_missing.lookahead.labelled import Labelled
 from tsc_missing.lookahead.regression import Regression, centred
 from tsc_missing.lookahead.training import LookaheadTraining
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.weights.file import read_tensors
 
+from tests.controllers.planning import save_tiny  # isort: skip
 from tests.networks import grid_network, tee_network  # isort: skip
 
 
@@ -39,6 +41,15 @@ def settings(small_net, tmp_path, **changes):
     return LookaheadSettings(**{**values, **changes})
 
 
+def with_holes(small_net, tmp_path, **changes):
+    """Kriging and everything observed in turn, one more mask for each, tiny diffusion weights."""
+    fill = tmp_path / "fill.safetensors"
+    if not fill.exists():
+        save_tiny(fill)
+    holes = {"lost": ("kriging", "none"), "patterns": ("random",), "sampling_steps": 2}
+    return settings(small_net, tmp_path, fill=str(fill), **{**holes, **changes})
+
+
 def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
     plan = settings(small_net, tmp_path)
     whole = LookaheadTraining(plan, tmp_path / "whole").run(1)
@@ -53,6 +64,7 @@ def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
         assert torch.equal(weight, other.state_dict()[name]), name
     assert about["history"] == one.history == 2
     assert about["gained"].keys() == {"learned", "held_out"}
+    assert about["gained"]["learned"].keys() == {"observed"}
     assert about["tried"] > 0
     start, _ = load_q_network(tmp_path / "base.safetensors")
     assert not torch.equal(one.state_dict()["score.0.weight"], start.state_dict()["score.0.weight"])
@@ -70,6 +82,49 @@ def test_the_episodes_of_a_training_serve_another_way_of_learning(small_net, tmp
         LookaheadTraining(longer, tmp_path / "t")
 
 
+def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
+    plan = with_holes(small_net, tmp_path)
+    whole = LookaheadTraining(plan, tmp_path / "whole").run(1)
+    seen = []
+    first = LookaheadTraining(plan, tmp_path / "broken")
+    stop = lambda: any("filling" in what for what in seen)  # noqa: E731
+    assert first.run(1, lambda _, what: seen.append(what), stop) is None
+    made = len(list((tmp_path / "broken" / "beliefs").iterdir()))
+    assert 0 < made < 3
+    second = LookaheadTraining(plan, tmp_path / "broken", resume=True)
+    (one, about), (other, _) = load_q_network(whole), load_q_network(second.run(1))
+    for name, weight in one.state_dict().items():
+        assert torch.equal(weight, other.state_dict()[name]), name
+    assert one.certainty
+    assert about["gained"]["learned"].keys() == {"observed", "believed"}
+    with pytest.raises(UserError, match="knows of missing data"):
+        LookaheadTraining(settings(small_net, tmp_path, base=str(whole)), tmp_path / "next")
+    again = with_holes(small_net, tmp_path, base=str(whole))
+    assert LookaheadTraining(again, tmp_path / "next").run(1).is_file()
+
+
+def test_episodes_of_another_training_are_learned_from_too(small_net, tmp_path):
+    first = tmp_path / "first"
+    LookaheadTraining(settings(small_net, tmp_path), first).run(1)
+    plan = settings(small_net, tmp_path, seed=1)
+    alone, _ = load_q_network(LookaheadTraining(plan, tmp_path / "alone").run(1))
+    both = with_holes(small_net, tmp_path, seed=1, also=(first,))
+    path = LookaheadTraining(both, tmp_path / "both").run(1)
+    network, about = load_q_network(path)
+    assert len(list((tmp_path / "both" / "beliefs").iterdir())) == 6
+    assert about["also"][0]["seed"] == 0
+    assert not torch.equal(alone.state_dict()["score.0.weight"], network.score[0].weight)
+    for changes, words in (
+        ({"also": (tmp_path / "nothing",)}, "also: .*nothing"),
+        ({"also": (first,), "depth": 3}, "its depth must be 3, found 2"),
+    ):
+        with pytest.raises(UserError, match=words):
+            LookaheadTraining(settings(small_net, tmp_path, **changes), tmp_path / "t")
+    (first / "episodes" / "00001.safetensors").unlink()
+    with pytest.raises(UserError, match="1 of its episodes are not there"):
+        LookaheadTraining(both, tmp_path / "t")
+
+
 def test_regression_finds_what_can_be_found():
     """Returns that depend on a queue two steps ago, which the base does not see."""
     network = tee_network()
@@ -85,13 +140,13 @@ def test_regression_finds_what_can_be_found():
     queue = x[..., names_with(2).index("queue_2_ago")] * x[..., 0]
     returns = (torch.from_numpy(network.phases).float() @ queue.unsqueeze(-1)).squeeze(-1)
     returns = returns.masked_fill(~torch.from_numpy(network.phase_mask), torch.nan)
-    episodes = [Labelled("x", x[:150], returns[:150]), Labelled("x", x[150:], returns[150:])]
+    episodes = [Labelled("x", (x[rows],), returns[rows]) for rows in (slice(150), slice(150, None))]
     regression = Regression(plan, base, {"x": Graph.of(network)}, episodes[:1])
-    assert regression.gained(episodes[1:]) == pytest.approx(0, abs=1e-6)
+    assert regression.gained(episodes[1:])["observed"] == pytest.approx(0, abs=1e-6)
     for _ in range(plan.updates):
         regression.update()
-    assert regression.gained(episodes[1:]) > 0.7
-    assert regression.gained([]) is None
+    assert regression.gained(episodes[1:])["observed"] > 0.7
+    assert regression.gained([]) == {}
 
 
 def test_centred_leaves_absent_phases_out():
@@ -122,7 +177,7 @@ def test_an_episode_of_another_network(small_net, tmp_path):
     LookaheadTraining(settings(small_net, tmp_path), tmp_path / "t").run(1)
     path = tmp_path / "t" / "episodes" / "00000.safetensors"
     with pytest.raises(UserError, match="not the network of the episode"):
-        read_labelled(path, grid_network(2, 2), 15, 2)
+        read_played(path, grid_network(2, 2))
 
 
 def test_runs_are_drawn(small_net, tmp_path):

@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.networks import grid_network, tee_network
+from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.features import (
     N_NAMES,
     NAMES,
     SlotTables,
+    certainty_features,
     columns,
     log_features,
     names_with,
@@ -83,13 +85,46 @@ def test_looking_further_back_changes_nothing_by_itself():
         log_features(SlotTables.of(network, 15.0), *observed(network, steps=(6,)), 4)
     )
     short, long, graph = PhaseValue(8, 1), PhaseValue(8, 4), Graph.of(network)
-    long.load_state_dict(short.looking_back(4))
+    long.load_state_dict(short.seeing_more(4))
     assert torch.equal(long(x, graph), short(x[..., : len(names_with(1))], graph))
 
 
+def test_what_was_filled_in_can_be_told():
+    network, rng = NETWORKS["tee"], np.random.default_rng(0)
+    known = rng.random((5, network.n, 12)) < 0.4
+    found = certainty_features(known)
+    assert found.shape == (network.n, 12, 2)
+    assert (found[..., 0] == known[-1]).all()
+    for n in range(network.n):
+        for slot in range(12):
+            ago = [k for k in range(5) if known[4 - k, n, slot]]
+            assert found[n, slot, 1] == pytest.approx((ago[0] if ago else 5) / 5)
+
+
+def test_being_told_changes_nothing_by_itself_and_then_counts():
+    network = NETWORKS["tee"]
+    values, red = observed(network, steps=(5,))
+    short, told = PhaseValue(8, 1), PhaseValue(8, 4, certainty=True)
+    told.load_state_dict(short.seeing_more(4, certainty=True))
+    told.load_state_dict(told.seeing_more(4, certainty=True))
+    nothing = np.zeros(red.shape, dtype=bool)
+    of = [PhaseValues(q, network, 15).of for q in (short, told)]
+    there = network.phase_mask
+    plain = of[0](values, red)[there]
+    for found in (of[1](values, red), of[1](values, red, nothing)):
+        np.testing.assert_allclose(found[there], plain, rtol=1e-4, atol=1e-5)
+    with torch.no_grad():
+        weight = told.slot.layers[0].weight
+        weight.add_(0.1 * torch.randn(weight.shape))
+    assert (of[1](values, red)[there] != of[1](values, red, nothing)[there]).any()
+    for history, certainty in ((3, True), (4, False)):
+        with pytest.raises(ValueError, match="looks back 4"):
+            told.seeing_more(history, certainty)
+
+
 def test_columns_are_by_name():
-    assert columns("green") == [NAMES.index("green")]
-    assert columns(*NAMES) == list(range(N_NAMES))
+    assert columns(["green"]) == [NAMES.index("green")]
+    assert columns(NAMES) == list(range(N_NAMES))
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

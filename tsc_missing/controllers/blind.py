@@ -3,13 +3,14 @@
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
-from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.controllers.wrapper import Wrapper
+from tsc_missing.network.model import IntArray
 from tsc_missing.sensing.observation import Observation
 
 STALE_STEPS = 8  # two minutes at a decision every 15 s: longer than most cycles
 
 
-class Blind(Controller):
+class Blind(Wrapper):
     """A controller that leaves intersections without information to a fixed cycle.
 
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
@@ -28,7 +29,7 @@ class Blind(Controller):
         isolated: bool = False,
     ) -> None:
         """``cycle`` decides at blind intersections; it must not need values."""
-        self.controller = controller
+        super().__init__(controller)
         self.cycle = cycle
         self._isolated = isolated
         self._stale_steps = stale_steps
@@ -39,7 +40,7 @@ class Blind(Controller):
         self._adjacent = context.network.adjacency
         self._equipped = (context.sensors & self._slots).any(axis=1)
         self._silent = np.zeros(context.network.n, dtype=np.int64)
-        self.controller.reset(context)
+        super().reset(context)
         self.cycle.reset(context)
 
     def decide(self, observation: Observation) -> IntArray:
@@ -50,11 +51,3 @@ class Blind(Controller):
         if self._isolated:
             blind &= ~(self._adjacent & ~blind).any(axis=1)
         return np.where(blind, self.cycle.decide(observation), self.controller.decide(observation))
-
-    def estimates(self) -> FloatArray | None:
-        """(N, 12, F): the inner controller's estimates, at blind intersections too."""
-        return self.controller.estimates()
-
-    def plans(self) -> FloatArray | None:
-        """(N, H, 12, F): the inner controller's plans, at blind intersections too."""
-        return self.controller.plans()

@@ -96,8 +96,9 @@ class DiffLight(Controller):
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
         if self._q is not None:
-            red_steps = planned.red_steps.swapaxes(0, 1)
-            values = [self._values.of(past.swapaxes(0, 1), red_steps) for past in planned.samples]
+            red_steps, known = planned.red_steps.swapaxes(0, 1), planned.known.swapaxes(0, 1)
+            samples = (past.swapaxes(0, 1) for past in planned.samples)
+            values = [self._values.of(past, red_steps, known) for past in samples]
             return np.asarray(np.mean(values, axis=0))
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)

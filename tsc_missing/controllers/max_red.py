@@ -4,11 +4,12 @@ import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import overruled
-from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.controllers.wrapper import Wrapper
+from tsc_missing.network.model import IntArray
 from tsc_missing.sensing.observation import VEHICLES, Observation
 
 
-class MaxRed(Controller):
+class MaxRed(Wrapper):
     """A controller that serves every movement in time, as maximum red does in signal controllers.
 
     Who looks for the longest queues lets a single vehicle wait for as long as others have two.
@@ -21,7 +22,7 @@ class MaxRed(Controller):
 
     def __init__(self, controller: Controller, max_red: float) -> None:
         """``max_red`` [s], above 0."""
-        self.controller = controller
+        super().__init__(controller)
         self._max_red = max_red
 
     def reset(self, context: ControlContext) -> None:
@@ -30,7 +31,7 @@ class MaxRed(Controller):
         self._interval = context.decision_interval
         served = context.network.phases.any(axis=1)
         self._bound = served & context.network.slot_mask & ~context.network.free_slots
-        self.controller.reset(context)
+        super().reset(context)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the controller's phases but where a slot is overdue."""
@@ -39,11 +40,3 @@ class MaxRed(Controller):
         empty = observation.mask & (observation.values[:, :, VEHICLES] <= 0)
         overdue = self._bound & ~empty & (red + self._interval > self._max_red)
         return overruled(self._network, phases, np.where(overdue, red, 0.0))
-
-    def estimates(self) -> FloatArray | None:
-        """(N, 12, F): the controller's."""
-        return self.controller.estimates()
-
-    def plans(self) -> FloatArray | None:
-        """(N, H, 12, F): the controller's."""
-        return self.controller.plans()

@@ -16,7 +16,7 @@ from tsc_missing.diffusion.memory import keep_freed_memory
 from tsc_missing.diffusion.samples import all_samples, unseen, with_copies
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
-from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray
 from tsc_missing.sensing.observation import Observation
 
 PRECISION: Precision = "bfloat16"  # of the products: half the time of float32
@@ -29,6 +29,7 @@ class Planned:
 
     samples: FloatArray  # (M, N, C, 12, F) [vehicles] the last observations without holes
     red_steps: IntArray  # (N, C, 12) with them
+    known: BoolArray  # (N, C, 12) whether it was observed
     future: FloatArray  # (N, H, 12, F) [vehicles] planned
     logits: FloatArray  # (N, P) of the phase to run now, -inf without the phase
 
@@ -84,9 +85,13 @@ class Planner:
         self._phases = torch.from_numpy(network.phases)
         self._phase_mask = torch.from_numpy(network.phase_mask)
 
+    def watch(self, observation: Observation) -> None:
+        """Take in the next observation of the run."""
+        self._recent.take(observation)
+
     def plan(self, observation: Observation) -> Planned:
         """Take in the next observation of the run, fill its holes and plan from it."""
-        self._recent.take(observation)
+        self.watch(observation)
         history = self._history()
         count, rows = len(history.slots), unseen(history)
         noise = [self.model.initial_noise(count, self._generator)]
@@ -97,6 +102,7 @@ class Planner:
         return Planned(
             samples=all_samples(plan.imputed, rows, count).double().numpy(),
             red_steps=self._recent.red_steps,
+            known=self._recent.known,
             future=plan.future[:count].double().numpy(),
             logits=plan.logits[:count].double().numpy(),
         )

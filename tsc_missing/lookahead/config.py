@@ -1,5 +1,6 @@
 """What a training by lookahead is: one TOML file."""
 
+from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -9,9 +10,11 @@ from tsc_missing.qlearning.features import MOST_HISTORY
 
 LEARNING = frozenset(
     {"episodes", "held_out", "history", "updates", "batch", "learning_rate", "weight_decay"}
-    | {"average"}
+    | {"average", "also", "complete"}
 )
 """Settings that may differ where a training is gone on with: its episodes stay what they are."""
+
+Pattern = Literal["random", "kriging", "lane", "burst", "mixed"]
 
 
 class LookaheadSettings(Settings):
@@ -25,6 +28,9 @@ class LookaheadSettings(Settings):
     horizon: int = Field(3600, gt=0)  # [s] of an episode
 
     base: str = "value"  # weights that decide in the episodes, and that are improved
+    min_space: int = Field(0, ge=0)  # [vehicles a lane] kept free on short roads meanwhile; 0: none
+    lost: tuple[Literal["none"] | Pattern, ...] = ("none",)  # in the episodes, in turn: then
+    # `fill` and `base` decide together, as the diffusion controller does
     episodes: int = Field(30, ge=1)
     held_out: int = Field(0, ge=0)  # of them, the last: only to measure what was learned
     tried: float = Field(1 / 3, gt=0, le=1)  # share of the decision steps at which phases are tried
@@ -35,6 +41,11 @@ class LookaheadSettings(Settings):
     running_weight: float = Field(1.0, ge=0, le=1)  # of running vehicles in the reward, likewise
     reward_scale: float = Field(40.0, gt=0)  # [vehicles] that count as 1, likewise
 
+    also: tuple[Path, ...] = ()  # trainings by lookahead whose episodes are learned from, too
+    patterns: tuple[Pattern, ...] = ()  # lost in thought, a mask each for every episode;
+    fill: str = "universal"  # diffusion weights that fill their holes,
+    sampling_steps: int = Field(10, ge=1)  # in so many reverse steps
+    complete: float = Field(0.25, ge=0, le=1)  # share of updates with everything observed
     history: int = Field(4, ge=0, le=MOST_HISTORY)  # [decision steps] that the result looks back
     updates: int = Field(10_000, ge=1)
     batch: int = Field(1024, ge=1)  # [intersections] of an update
@@ -43,11 +54,18 @@ class LookaheadSettings(Settings):
     average: float = Field(0.005, gt=0, le=1)  # rate of the moving average that is kept
     seed: int = Field(0, ge=0)
 
+    @property
+    def masked(self) -> bool:
+        """Whether there is anything that was not seen: then the result is told what."""
+        return bool(self.patterns) or set(self.lost) != {"none"}
+
     @model_validator(mode="after")
     def _means_something(self) -> Self:
         for name in ("volume", "epsilon"):
             if getattr(self, f"{name}_min") > getattr(self, f"{name}_max"):
                 raise ValueError(f"{name}_min must not be above {name}_max")
+        if not self.lost:
+            raise ValueError("lost must name a pattern, or none")
         if self.held_out >= self.episodes:
             raise ValueError("held_out must leave an episode to learn from")
         return self

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor, nn
 
 from tsc_missing.lookahead.config import LookaheadSettings
-from tsc_missing.lookahead.episode import Labelled
+from tsc_missing.lookahead.labelled import Labelled
 from tsc_missing.network.slots import N_SLOTS, TURNS
+from tsc_missing.qlearning.features import names_with
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.seeding import stream
 
@@ -19,7 +20,9 @@ class Regression:
 
     The loss is Huber's on A(a) = G(a) - mean_a' G(a'), divided by the mean of |A| in the episode;
     which phase is best does not depend on the mean, and most of the noise is in it. Episodes come
-    as often as they have returns, with their approaches in another order each time. A moving
+    as often as they have returns, with their approaches in another order each time, some with
+    everything observed, the others with what is believed under one of their masks: the returns
+    are the same, so what is learned is what a phase is worth given what is believed. A moving
     average of the weights is the result.
     """
 
@@ -38,8 +41,9 @@ class Regression:
         self._random = stream(settings.seed, "updates")
         counts = torch.tensor([len(e.returns.flatten(0, 1)) for e in self._episodes]).double()
         self._shares = (counts / counts.sum()).numpy()
-        self.network = PhaseValue(base.slot.width, settings.history)
-        self.network.load_state_dict(base.looking_back(settings.history))
+        sees = settings.history, settings.masked
+        self.network = PhaseValue(base.slot.width, *sees)
+        self.network.load_state_dict(base.seeing_more(*sees))
         self.average = copy.deepcopy(self.network).requires_grad_(False).eval()
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
@@ -57,8 +61,9 @@ class Regression:
         count = max(1, settings.batch // episode.returns.shape[1])
         chosen = torch.from_numpy(self._random.integers(len(episode.returns), size=count))
         returns = episode.returns[chosen]
+        features = episode.features[self._variant(len(episode.features))][chosen]
         order, graph = self._turned(self._graphs[episode.net])
-        values = self.network(episode.features[chosen][..., order, :], graph)
+        values = self.network(features[..., order, :], graph)
         wanted, found = centred(returns), centred(torch.where(returns.isnan(), torch.nan, values))
         there = ~returns.isnan()
         loss = nn.functional.smooth_l1_loss(found[there] / scale, wanted[there] / scale)
@@ -73,6 +78,12 @@ class Regression:
         self._done += 1
         return float(loss.item())
 
+    def _variant(self, count: int) -> int:
+        """Which of ``count`` features of an episode; the first are of everything observed."""
+        if count == 1 or self._random.random() < self._settings.complete:
+            return 0
+        return int(self._random.integers(1, count))
+
     def _turned(self, graph: Graph) -> tuple[Tensor, Graph]:
         """The slots with the approaches in another order, and the phases with them.
 
@@ -83,17 +94,29 @@ class Regression:
         return order, replace(graph, phases=graph.phases[..., order])
 
     @torch.inference_mode()
-    def gained(self, episodes: Sequence[Labelled]) -> float | None:
-        """The part of what the best phases would have gained over the base's that ours gain."""
-        got = most = 0.0
+    def gained(self, episodes: Sequence[Labelled]) -> dict[str, float]:
+        """The part of what the best phases would have gained over the base's that ours gain.
+
+        With everything ``observed`` and, where there are masks, with what is ``believed``; both
+        over what the base decides with everything observed. Empty where nothing can be gained.
+        """
+        most = 0.0
+        got = {"observed": 0.0, "believed": 0.0}
         for episode in episodes:
-            graph = self._graphs[episode.net]
-            base = _of_best(self._base(episode.features, graph), episode.returns)
+            graph, observed = self._graphs[episode.net], episode.features[0]
+            sees = len(names_with(self._base.history, self._base.certainty))
+            base = _of_best(self._base(observed[..., :sees], graph), episode.returns)
             best = episode.returns.nan_to_num(-torch.inf).amax(dim=-1)
-            ours = _of_best(self.average(episode.features, graph), episode.returns)
-            got += float((ours - base).sum())
             most += float((best - base).sum())
-        return got / most if most else None
+            ours = [
+                float((_of_best(self.average(seen, graph), episode.returns) - base).sum())
+                for seen in episode.features
+            ]
+            got["observed"] += ours[0]
+            got["believed"] += sum(ours[1:]) / max(1, len(ours) - 1)
+        masked = any(len(episode.features) > 1 for episode in episodes)
+        names = ("observed", "believed") if masked else ("observed",)
+        return {name: got[name] / most for name in names} if most else {}
 
 
 def centred(returns: Tensor) -> Tensor:

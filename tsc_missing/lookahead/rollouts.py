@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from tsc_missing.controllers.spillback import Room
 from tsc_missing.evaluation.closed_loop import Moment, run_step
 from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.networks import QNetwork
 from tsc_missing.qlearning.rewards import queue_reward
+from tsc_missing.sensing.observation import VEHICLES
 
 
 class Lookahead:
@@ -20,11 +22,11 @@ class Lookahead:
 
         G(a) = Σ_{d<D} γ^d r_{t+d+1} + γ^D max_a' Q(s_{t+D}, a'),
 
-    where a runs in step t and everything else is decided by the best values of Q: one step of
-    rollout policy improvement (Tesauro and Galperin, NeurIPS 1996) with the same arrivals for all
-    phases. No two adjacent intersections try at a time, so each has to do with its own phase only.
-    The simulation is afterwards as it was, but for what SUMO leaves out of its saved states: a
-    vehicle that waits to enter may enter a step later.
+    where a runs in step t and everything else is decided by the best values of Q, with room kept on
+    short roads if so wanted: one step of rollout policy improvement (Tesauro and Galperin, NeurIPS
+    1996) with the same arrivals for all phases. No two adjacent intersections try at a time, so
+    each has to do with its own phase only. The simulation is afterwards as it was, but for what
+    SUMO leaves out of its saved states: a vehicle that waits to enter may enter a step later.
     """
 
     def __init__(
@@ -35,10 +37,11 @@ class Lookahead:
         settings: LookaheadSettings,
         random: np.random.Generator,
         folder: Path,
+        room: Room | None = None,
     ) -> None:
         """``interval`` [s] between decisions; ``random`` chooses the steps.
 
-        A file in ``folder`` holds the simulation's state meanwhile.
+        A file in ``folder`` holds the simulation's state meanwhile. ``room`` is kept by all.
         """
         self._network = network
         self._interval = interval
@@ -46,6 +49,7 @@ class Lookahead:
         self._random = random
         self._values = PhaseValues(q, network, interval)
         self._seen: deque[tuple[FloatArray, IntArray]] = deque(maxlen=1 + q.history)
+        self._room = room
         self._groups = apart(network)
         self._file = folder / "present.xml"
         self.returns: dict[int, FloatArray] = {}  # by step: (N, P), NaN without the phase
@@ -58,7 +62,7 @@ class Lookahead:
 
     def _try_all(self, moment: Moment) -> FloatArray:
         """(N, P)."""
-        best = self._scores(self._seen).argmax(axis=1)
+        best = self._decided(self._scores(self._seen), moment.truth.values)
         others = _others(self._network.phase_mask, best)
         moment.simulation.save(self._file)
         found = np.full(self._network.phase_mask.shape, np.nan)
@@ -84,10 +88,15 @@ class Lookahead:
             reward = queue_reward(values, settings.running_weight) / settings.reward_scale
             total += settings.discount**ahead * reward
             scores = self._scores(seen)
-            phases = scores.argmax(axis=1)
+            phases = self._decided(scores, values)
         moment.simulation.restore(self._file)
         moment.signals.repeat()
         return np.asarray(total + settings.discount**settings.depth * scores.max(axis=1))
+
+    def _decided(self, scores: FloatArray, values: FloatArray) -> IntArray:
+        """(N,): the phases that run, by ``scores`` (N, P) and the present ``values`` (N, 12, F)."""
+        best = scores.argmax(axis=1)
+        return best if self._room is None else self._room.kept(best, values[:, :, VEHICLES])
 
     def _scores(self, seen: deque[tuple[FloatArray, IntArray]]) -> FloatArray:
         values, red_steps = zip(*seen, strict=True)

@@ -4,26 +4,33 @@ import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
 from pathlib import Path
+from typing import Any
+
+import torch
 
 from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.files import check_new_training, read_json, replace_file
+from tsc_missing.lookahead.believed import read_beliefs, write_beliefs
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
-from tsc_missing.lookahead.episode import Labelled, play_labelled, read_labelled
+from tsc_missing.lookahead.episode import play_episode, read_played
+from tsc_missing.lookahead.labelled import Labelled, labelled
 from tsc_missing.lookahead.regression import Regression
+from tsc_missing.lookahead.source import EPISODES, SETTINGS, Source, read_source
 from tsc_missing.processes import worker_processes
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import FILE, find_weights
 
-EPISODES, SETTINGS = "episodes", "settings.json"
+BELIEFS = "beliefs"
 RENEW = 16  # episodes of a process, which then ends with the memory that SUMO has lost
 PATIENCE = 0.5  # [s] between two looks whether to stop
 LOG = 500  # updates between two reports
 
 Watch = Callable[[int, str], None]  # (episodes that are there, what is going on)
+Job = tuple[Any, ...]  # a function and its arguments
 
 
 class _StoppedError(Exception):
@@ -31,54 +38,62 @@ class _StoppedError(Exception):
 
 
 class LookaheadTraining:
-    """A training in a folder: its episodes, in the end the weights.
+    """A training in a folder: its episodes, what is believed in them, in the end the weights.
 
-    Stopped at any moment it goes on with the episodes that are there; the weights depend on the
-    settings only.
+    Stopped at any moment it goes on with what is there; the weights depend on the settings only.
     """
 
     def __init__(self, settings: LookaheadSettings, folder: Path, resume: bool = False) -> None:
         """Check everything that can be wrong."""
         self.settings = settings
         self.folder = folder
-        self._scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
+        self._own = Source(folder, settings)
+        self._sources = [self._own, *(read_source(other, settings) for other in settings.also)]
+        nets = {net for source in self._sources for net in source.settings.nets}
+        self._scenarios = {net: find_scenario(net, settings.demand) for net in sorted(nets)}
         base, self._base = load_q_network(find_weights(settings.base))
         if not isinstance(base, PhaseValue):
             raise UserError("base", settings.base, "it must be weights of the algorithm value")
         if base.history > settings.history:
             raise UserError("history", settings.history, f"the base looks back {base.history}")
+        if base.certainty and (base.history, settings.masked) != (settings.history, True):
+            words = f"the base looks back {base.history} and knows of missing data: so must this"
+            raise UserError("history", settings.history, words)
         self._start = base
+        if settings.masked:
+            find_weights(settings.fill)
         if resume:
             self._check_same()
         else:
             check_new_training(folder)
-        self.there = sum(self._episode(k).is_file() for k in range(settings.episodes))
+        self.there = settings.episodes - len(self._own.missing)
 
     def run(
         self, workers: int, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False
     ) -> Path | None:
-        """Play, then learn; returns the weights' file, or None where ``stop`` was true."""
+        """Play, fill, then learn; returns the weights' file, or None where ``stop`` was true."""
         try:
             (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
+            (self.folder / BELIEFS).mkdir(exist_ok=True)
             plan = json.dumps(self.settings.model_dump(mode="json"), indent=1)
             replace_file(self.folder / SETTINGS, plan.encode())
         except OSError as error:
             words = f"cannot be written ({error.strerror})"
             raise UserError("out", self.folder, words) from error
         tell = watch or (lambda there, what: None)
-        wanted = [k for k in range(self.settings.episodes) if not self._episode(k).is_file()]
-        size = workers * RENEW
         try:
-            for first in range(0, len(wanted), size):
-                for _ in self._play(wanted[first : first + size], workers, stop):
-                    self.there += 1
-                    tell(self.there, "playing")
+            play = [
+                (play_episode, self.settings, number, self._own.path(number))
+                for number in self._own.missing
+            ]
+            for _ in _side_by_side(play, workers, stop):
+                self.there += 1
+                tell(self.there, "playing")
+            for left in _side_by_side(self._to_fill(), workers, stop):
+                tell(self.there, f"filling, {left} left")
             return self._learn(tell, stop)
         except _StoppedError:
             return None
-
-    def _episode(self, number: int) -> Path:
-        return self.folder / EPISODES / f"{number:05d}.safetensors"
 
     def _check_same(self) -> None:
         before = read_json(self.folder / SETTINGS, "resume")
@@ -87,25 +102,29 @@ class LookaheadTraining:
                 words = f"{self.folder} was begun with {before.get(name)}"
                 raise UserError(name, value, words)
 
-    def _play(self, numbers: list[int], workers: int, stop: Callable[[], bool]) -> Iterator[int]:
-        """Play episodes side by side; gives each as it ends."""
-        with worker_processes(workers) as pool:
-            running = {
-                pool.submit(play_labelled, self.settings, number, self._episode(number)): number
-                for number in numbers
-            }
-            while running:
-                if stop():
-                    raise _StoppedError
-                for done in wait(running, PATIENCE, FIRST_COMPLETED).done:
-                    done.result()
-                    yield running.pop(done)
+    def _all(self) -> list[tuple[int, int]]:
+        """The places of sources, and the numbers of their episodes."""
+        counts = [source.settings.episodes for source in self._sources]
+        return [(place, k) for place, count in enumerate(counts) for k in range(count)]
+
+    def _beliefs(self, place: int, number: int) -> Path:
+        return self.folder / BELIEFS / f"{place}-{number:05d}.safetensors"
+
+    def _to_fill(self) -> list[Job]:
+        wanted = self._all() if self.settings.masked else []
+        return [
+            (fill_episode, self.settings, self._sources[place], number, path)
+            for place, number in wanted
+            if not (path := self._beliefs(place, number)).is_file()
+        ]
 
     def _learn(self, tell: Watch, stop: Callable[[], bool]) -> Path:
         settings = self.settings
-        episodes = [self._read(number) for number in range(settings.episodes)]
-        end = settings.episodes - settings.held_out
-        learned, held = episodes[:end], episodes[end:]
+        learned: list[Labelled] = []
+        held: list[Labelled] = []
+        for place, number in self._all():
+            kept = held if self._sources[place].is_held_out(number) else learned
+            kept.append(self._read(place, number))
         if not any(len(episode.returns) for episode in learned):
             raise UserError("tried", settings.tried, "it must be larger: no phase was ever tried")
         graphs = {net: Graph.of(found.folder.network) for net, found in self._scenarios.items()}
@@ -120,20 +139,26 @@ class LookaheadTraining:
         tried = sum(len(episode.returns.flatten(0, 1)) for episode in learned)
         return self._write_weights(regression.average, gained, tried)
 
-    def _read(self, number: int) -> Labelled:
-        network = self._scenarios[self.settings.nets[number % len(self.settings.nets)]].folder
-        interval = SignalSettings().decision_interval
-        return read_labelled(
-            self._episode(number), network.network, interval, self.settings.history
+    def _read(self, place: int, number: int) -> Labelled:
+        source = self._sources[place]
+        network = self._scenarios[source.net(number)].folder.network
+        return labelled(
+            read_played(source.path(number), network),
+            read_beliefs(self._beliefs(place, number)) if self.settings.masked else (),
+            network,
+            SignalSettings().decision_interval,
+            self.settings.history,
+            certainty=self.settings.masked,
         )
 
     def _write_weights(
-        self, network: PhaseValue, gained: dict[str, float | None], tried: int
+        self, network: PhaseValue, gained: dict[str, dict[str, float]], tried: int
     ) -> Path:
         path = self.folder / FILE
         about = {
             "training": self.settings.model_dump(mode="json"),
             "base": self._base["checksum"],
+            "also": [source.settings.model_dump(mode="json") for source in self._sources[1:]],
             "sources": {net: scenario.checksums() for net, scenario in self._scenarios.items()},
             "tried": tried,
             "gained": gained,
@@ -142,3 +167,27 @@ class LookaheadTraining:
         }
         save_q_network(network, "value", network.slot.width, path, about)
         return path
+
+
+def fill_episode(settings: LookaheadSettings, source: Source, number: int, path: Path) -> None:
+    """Write what is believed in an episode; in a process of its own."""
+    torch.set_num_threads(1)
+    network = find_scenario(source.net(number), settings.demand).folder.network
+    played = read_played(source.path(number), network)
+    write_beliefs(path, settings, network, played, number)
+
+
+def _side_by_side(jobs: list[Job], workers: int, stop: Callable[[], bool]) -> Iterator[int]:
+    """Do jobs in processes that are replaced from time to time; gives how many are left."""
+    left = len(jobs)
+    for first in range(0, left, workers * RENEW):
+        with worker_processes(workers) as pool:
+            running = {pool.submit(*job) for job in jobs[first : first + workers * RENEW]}
+            while running:
+                if stop():
+                    raise _StoppedError
+                done, running = wait(running, PATIENCE, FIRST_COMPLETED)
+                for job in done:
+                    job.result()
+                    left -= 1
+                    yield left

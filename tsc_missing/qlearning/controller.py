@@ -9,8 +9,13 @@ import torch
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import best_phases
 from tsc_missing.errors import UserError
-from tsc_missing.network.model import FloatArray, IntArray, Network
-from tsc_missing.qlearning.features import SlotTables, past_features, slot_features
+from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.qlearning.features import (
+    SlotTables,
+    certainty_features,
+    past_features,
+    slot_features,
+)
 from tsc_missing.qlearning.networks import Graph, QNetwork
 from tsc_missing.qlearning.weights import load_q_network
 from tsc_missing.sensing.observation import Observation
@@ -26,16 +31,22 @@ class PhaseValues:
         self._tables = SlotTables.of(network, interval)
 
     @torch.inference_mode()
-    def of(self, values: FloatArray, red_steps: IntArray) -> FloatArray:
+    def of(
+        self, values: FloatArray, red_steps: IntArray, known: BoolArray | None = None
+    ) -> FloatArray:
         """(N, P) of the last of C ≥ 1 decision steps that follow each other.
 
-        ``values`` (C, N, 12, F) [vehicles], ``red_steps`` (C, N, 12). NaN in gives NaN for what
+        ``values`` (C, N, 12, F) [vehicles], ``red_steps`` (C, N, 12); ``known`` (C, N, 12) is
+        false where values were filled in, None where nothing was. NaN in gives NaN for what
         depends on it.
         """
         now = slot_features(self._tables, values[-1], red_steps[-1])
         seen = -1 - self._q.history
-        past = past_features(values[seen:], red_steps[seen:], self._q.history)[-1]
-        features = np.concatenate((now, past), axis=-1)
+        parts = [now, past_features(values[seen:], red_steps[seen:], self._q.history)[-1]]
+        if self._q.certainty:
+            everything = np.ones(red_steps.shape, dtype=bool)
+            parts.append(certainty_features(everything if known is None else known))
+        features = np.concatenate(parts, axis=-1)
         found = self._q(torch.from_numpy(features).unsqueeze(0), self._graph)
         return np.asarray(found.squeeze(0).double().numpy())
 

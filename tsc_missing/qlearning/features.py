@@ -1,5 +1,6 @@
 """What a Q-network sees of a slot: the one place of its features and their scales."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,20 +20,24 @@ OWN = ("there", "green", "queue", "running", "effective_running", "red_steps", "
 BESIDE = ("downstream_queue", "downstream_running", "pressure")
 UPSTREAM = ("queue", "running", "green", "there")  # of each of the three neighbour slots
 PAST = ("queue", "running", "green")  # of each of the decision steps before
+CERTAINTY = ("known", "silence")  # of what may have been filled in
 NAMES = (*OWN, *BESIDE, *(f"upstream_{name}_{k}" for name in UPSTREAM for k in range(3)))
 N_NAMES = len(NAMES)
 MOST_HISTORY = 8  # decision steps before the present
 
 
-def names_with(history: int) -> tuple[str, ...]:
-    """All features of a network that looks ``history`` decision steps back."""
-    return (*NAMES, *(f"{name}_{k}_ago" for k in range(1, history + 1) for name in PAST))
+def names_with(history: int, certainty: bool = False) -> tuple[str, ...]:
+    """All features of a network that looks ``history`` decision steps back.
+
+    With ``certainty`` it is also told what was seen and what was filled in.
+    """
+    past = (f"{name}_{k}_ago" for k in range(1, history + 1) for name in PAST)
+    return (*NAMES, *past, *(CERTAINTY if certainty else ()))
 
 
-def columns(*names: str) -> list[int]:
-    """The positions of features."""
-    known = names_with(MOST_HISTORY)
-    return sorted(known.index(name) for name in names)
+def columns(names: Sequence[str], among: Sequence[str] = NAMES) -> list[int]:
+    """The positions of features ``among`` all."""
+    return sorted(among.index(name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -98,17 +103,27 @@ def slot_features(
 def past_features(
     values: npt.NDArray[np.floating[Any]], red_steps: IntArray, history: int
 ) -> Float32Array:
-    """(T, N, 12, 3 * history): what a slot was in the steps before each of T steps.
+    """(T, …, N, 12, 3 * history): what a slot was in the steps before each of T steps.
 
-    ``values`` (T, N, 12, F) [vehicles], ``red_steps`` (T, N, 12); before the first step it was as
-    in the first.
+    ``values`` (T, …, N, 12, F) [vehicles], ``red_steps`` (T, …, N, 12); before the first step it
+    was as in the first.
     """
     queue = values[..., QUEUE]
     running = np.maximum(values[..., VEHICLES] - queue, 0.0)
     now = np.stack((queue / VEHICLE_SCALE, running / VEHICLE_SCALE, red_steps == 0), axis=-1)
     before = [np.maximum(np.arange(len(values)) - k, 0) for k in range(1, history + 1)]
-    found = np.concatenate([now[:, :, :, :0], *(now[rows] for rows in before)], axis=-1)
+    found = np.concatenate([now[..., :0], *(now[rows] for rows in before)], axis=-1)
     return found.astype(np.float32)
+
+
+def certainty_features(known: BoolArray) -> Float32Array:
+    """(…, N, 12, 2) of the last of C steps, of which ``known`` (C, …, N, 12) are those seen.
+
+    Whether a slot was seen now, and for how many steps it was not, C counting as 1.
+    """
+    newest_first = known[::-1]
+    silence = np.where(known.any(axis=0), newest_first.argmax(axis=0), len(known)) / len(known)
+    return np.stack((newest_first[0], silence), axis=-1).astype(np.float32)
 
 
 def log_features(
@@ -121,5 +136,6 @@ def log_features(
 
 def _flat(x: npt.NDArray[np.floating[Any]], table: IntArray) -> npt.NDArray[np.floating[Any]]:
     """(…, N, 12, D): ``x`` (…, N, 12) at the flat slots of the table, 0 where there is none."""
-    found = x.reshape(*x.shape[:-2], -1)[..., np.maximum(table, 0)]
+    flat = x.reshape(*x.shape[:-2], x.shape[-2] * x.shape[-1])
+    found = flat[..., np.maximum(table, 0)]
     return np.where(table >= 0, found, 0.0)

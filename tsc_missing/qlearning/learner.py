@@ -44,7 +44,7 @@ class Learner:
                 raise UserError("start", weights, f"its {name} is {manifest[name]}")
         if network.history > self._settings.history:
             raise UserError("start", weights, f"its history is {network.history}")
-        state = network.looking_back(self._settings.history)
+        state = network.seeing_more(self._settings.history)
         for mine in (self.network, self.target, self.acting):
             mine.load_state_dict(state)
 

@@ -6,7 +6,7 @@ weights. Where the published networks have a fixed order of four phases, this re
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from tsc_missing.network.model import Network
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.qlearning.features import NAMES, PAST, columns, names_with
+from tsc_missing.qlearning.features import CERTAINTY, NAMES, PAST, columns, names_with
 
 GREEN, THERE = NAMES.index("green"), NAMES.index("there")
 NO_PHASE = -1e9  # the value of a phase that the intersection does not have
@@ -45,17 +45,18 @@ class QNetwork(nn.Module, ABC):
     """Values of the phases of all intersections."""
 
     history = 0  # decision steps before the present that it looks back
+    certainty = False  # whether it is told what was seen and what was filled in
 
     def forward(self, x: Tensor, graph: Graph) -> Tensor:
         """(B, N, P) of features ``x`` (B, N, 12, ·); ``NO_PHASE`` without the phase.
 
-        ``x`` are the features that ``names_with`` names for the network's ``history``.
+        ``x`` are the features that ``names_with`` names for its ``history`` and ``certainty``.
         """
         return self._values(x, graph).masked_fill(~graph.phase_mask, NO_PHASE)
 
-    def looking_back(self, history: int) -> dict[str, Tensor]:
-        """Its weights for a network that looks back as far or further and gives the same values."""
-        if history == self.history:
+    def seeing_more(self, history: int, certainty: bool = False) -> dict[str, Tensor]:
+        """Its weights for a network that sees as much or more and gives the same values."""
+        if (history, certainty) == (self.history, self.certainty):
             return dict(self.state_dict())
         raise ValueError(f"{type(self).__name__} looks back {self.history} decision steps")
 
@@ -77,10 +78,10 @@ class SlotEmbedding(nn.Module):
 
     place: Tensor
 
-    def __init__(self, names: tuple[str, ...], width: int) -> None:
-        """``names`` of ``qlearning.features``."""
+    def __init__(self, names: Sequence[str], width: int, among: Sequence[str] = NAMES) -> None:
+        """``names`` of ``qlearning.features``, ``among`` all that there are."""
         super().__init__()
-        self.columns = columns(*names)
+        self.columns = columns(names, among)
         self.width = width
         self.register_buffer("place", torch.eye(N_SLOTS), persistent=False)
         self.layers = dense(len(self.columns) + N_SLOTS, 2 * width, width, last=False)
@@ -188,21 +189,29 @@ class PhaseValue(QNetwork):
     A phase is the sum of its slots, the sum of the other slots and the sum over all phases.
     """
 
-    def __init__(self, width: int, history: int = 0) -> None:
-        """All features, and those of ``history`` decision steps before."""
+    def __init__(self, width: int, history: int = 0, certainty: bool = False) -> None:
+        """All features, those of ``history`` decision steps before, and their ``certainty``."""
         super().__init__()
         self.history = history
-        self.slot = SlotEmbedding(names_with(history), width)
+        self.certainty = certainty
+        names = names_with(history, certainty)
+        self.slot = SlotEmbedding(names, width, names)
         self.score = dense(3 * width + 1, 2 * width, width, 1)
         self.level = dense(width, width, 1)
 
-    def looking_back(self, history: int) -> dict[str, Tensor]:
-        """The features of the steps that it does not see get weights of zero."""
+    def seeing_more(self, history: int, certainty: bool = False) -> dict[str, Tensor]:
+        """The features that it does not see get weights of zero."""
+        if history < self.history or (self.certainty and not certainty):
+            raise ValueError(f"it looks back {self.history} steps, certainty: {self.certainty}")
         state = dict(self.state_dict())
         name = "slot.layers.0.weight"
-        features, place = state[name][:, :-N_SLOTS], state[name][:, -N_SLOTS:]
-        more = features.new_zeros(len(features), len(PAST) * (history - self.history))
-        return state | {name: torch.cat((features, more, place), dim=1)}
+        told = len(CERTAINTY) if self.certainty else 0
+        parts = state[name].split((state[name].shape[1] - told - N_SLOTS, told, N_SLOTS), dim=1)
+        values, sure, place = parts
+        past = values.new_zeros(len(values), len(PAST) * (history - self.history))
+        if certainty and not self.certainty:
+            sure = values.new_zeros(len(values), len(CERTAINTY))
+        return state | {name: torch.cat((values, past, sure, place), dim=1)}
 
     def _values(self, x: Tensor, graph: Graph) -> Tensor:
         e = self.slot(x)
@@ -223,6 +232,10 @@ ALGORITHMS: dict[str, Callable[[int], QNetwork]] = {
 }
 
 
-def make_q_network(algorithm: str, width: int, history: int = 0) -> QNetwork:
-    """Fresh weights from torch's global generator; only ``value`` can look back."""
-    return PhaseValue(width, history) if history else ALGORITHMS[algorithm](width)
+def make_q_network(
+    algorithm: str, width: int, history: int = 0, certainty: bool = False
+) -> QNetwork:
+    """Fresh weights from torch's global generator; only ``value`` sees more than the present."""
+    if history or certainty:
+        return PhaseValue(width, history, certainty)
+    return ALGORITHMS[algorithm](width)

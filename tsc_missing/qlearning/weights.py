@@ -21,6 +21,7 @@ def save_q_network(
         "algorithm": algorithm,
         "width": width,
         "history": network.history,
+        "certainty": network.certainty,
         "features": list(NAMES),
     }
     write_tensors(path, KIND, network.state_dict(), manifest)
@@ -35,8 +36,8 @@ def load_q_network(path: Path) -> tuple[QNetwork, dict[str, Any]]:
     if manifest.get("features") != list(NAMES):
         raise UserError(FIELD, path, "it was trained on other features than this program has")
     try:
-        parts = manifest["algorithm"], manifest["width"], manifest.get("history", 0)
-        network = make_q_network(*parts)
+        sees = manifest.get("history", 0), manifest.get("certainty", False)
+        network = make_q_network(manifest["algorithm"], manifest["width"], *sees)
         network.load_state_dict(tensors)
     except (KeyError, TypeError, RuntimeError):
         raise UserError(FIELD, path, "its tensors are not those of its algorithm") from None
