@@ -8,7 +8,7 @@ pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 import torch
 
-from tests.controllers.helpers import cross_and_tee
+from tests.controllers.helpers import A, B, cross_and_tee
 from tests.controllers.planning import (
     STEPS,
     observations,
@@ -20,10 +20,11 @@ from tests.controllers.planning import (
 )
 from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.controllers.check import check_controller
-from tsc_missing.controllers.difflight import DiffLight, best_finite
+from tsc_missing.controllers.difflight import DiffLight, best_finite, taken_as_seen
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.errors import UserError
+from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.networks import PhaseValue
 from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.weights import find
@@ -68,6 +69,37 @@ def run(controller, network, seed=0, poison=None):
         for observation in observations(network, poison)
     ]
     return tuple(np.array(column) for column in zip(*steps, strict=True))
+
+
+def test_a_sample_of_an_intersection_that_nobody_sees_counts_as_seen():
+    network = cross_and_tee()
+    known = np.zeros((network.n, 5, 12), dtype=bool)
+    known[A, 3, 4] = True
+    absent = ~network.slot_mask[:, None].repeat(5, axis=1)
+    assert absent[B].any()
+    seen = taken_as_seen(known | absent, network.slot_mask)
+    assert (seen[A] == (known | absent)[A]).all()
+    assert seen[B].all()
+
+
+def test_the_values_are_told_what_was_seen(make, monkeypatch):
+    told = []
+    plain = PhaseValues.of
+
+    def watched(self, values, red_steps, known=None):
+        told.append(known)
+        return plain(self, values, red_steps, known)
+
+    monkeypatch.setattr(PhaseValues, "of", watched)
+    controller = make("value", 1)
+    run(controller, GRID)
+    seen = [observation.mask for observation in observations(GRID)]
+    assert not all(mask.all() for mask in seen)
+    assert len(told) == len(seen)
+    for step in range(4, len(seen)):
+        window = np.stack(seen[step - 4 : step + 1])
+        hidden = ~(window & GRID.slot_mask).any(axis=(0, 2))
+        assert (told[step] == (window | hidden[None, :, None])).all()
 
 
 @SCORINGS

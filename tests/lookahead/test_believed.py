@@ -90,5 +90,16 @@ def test_features_of_the_truth_and_of_beliefs():
     blind = ~episode.mask[0]
     assert (believed[:, blind][..., count:] == [0, 1]).all()
     assert (believed[:, ~blind][..., count:] == [1, 0]).all()
+    assert all(counted.all() for counted in found.counted)  # the policy knew no more
     plain = labelled(episode, [], GRID, 15, 2, certainty=False)
     assert [features.shape[-1] for features in plain.features] == [count]
+
+
+def test_intersections_that_are_blind_in_thought_only_are_not_learned_from():
+    rows = np.maximum(TRIED[:, None] - np.arange(4, -1, -1), 0)
+    mask = played().mask
+    whole = played(np.ones((STEPS, GRID.n, 12), dtype=bool))
+    thought = Belief(torch.from_numpy(whole.values[rows]), torch.from_numpy(mask[rows]))
+    truth, believed = labelled(whole, [thought], GRID, 15, 2, certainty=True).counted
+    assert truth.all()
+    assert (believed.numpy() == (np.arange(GRID.n) % 2 == 0)).all()

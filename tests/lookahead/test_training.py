@@ -140,7 +140,11 @@ def test_regression_finds_what_can_be_found():
     queue = x[..., names_with(2).index("queue_2_ago")] * x[..., 0]
     returns = (torch.from_numpy(network.phases).float() @ queue.unsqueeze(-1)).squeeze(-1)
     returns = returns.masked_fill(~torch.from_numpy(network.phase_mask), torch.nan)
-    episodes = [Labelled("x", (x[rows],), returns[rows]) for rows in (slice(150), slice(150, None))]
+    counted = torch.ones(x.shape[:2], dtype=torch.bool)
+    episodes = [
+        Labelled("x", (x[rows],), (counted[rows],), returns[rows])
+        for rows in (slice(150), slice(150, None))
+    ]
     regression = Regression(plan, base, {"x": Graph.of(network)}, episodes[:1])
     assert regression.gained(episodes[1:])["observed"] == pytest.approx(0, abs=1e-6)
     for _ in range(plan.updates):

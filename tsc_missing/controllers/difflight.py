@@ -96,12 +96,24 @@ class DiffLight(Controller):
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
         if self._q is not None:
-            red_steps, known = planned.red_steps.swapaxes(0, 1), planned.known.swapaxes(0, 1)
+            red_steps = planned.red_steps.swapaxes(0, 1)
+            seen = taken_as_seen(planned.known, self._network.slot_mask).swapaxes(0, 1)
             samples = (past.swapaxes(0, 1) for past in planned.samples)
-            values = [self._values.of(past, red_steps, known) for past in samples]
+            values = [self._values.of(past, red_steps, seen) for past in samples]
             return np.asarray(np.mean(values, axis=0))
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
+
+
+def taken_as_seen(known: BoolArray, slots: BoolArray) -> BoolArray:
+    """(N, C, 12): what counts as seen in a sample of what may be.
+
+    What was, and everything where nothing of an intersection's ``slots`` (N, 12) is ``known``
+    (N, C, 12): there a sample is one of the worlds that may be, and that there are several is what
+    tells how uncertain it is.
+    """
+    nothing = ~(known & slots[:, None]).any(axis=(1, 2), keepdims=True)
+    return np.asarray(known | nothing)
 
 
 def best_finite(scores: FloatArray) -> IntArray:

@@ -26,6 +26,7 @@ class Labelled:
 
     net: str
     features: tuple[Tensor, ...]  # (S, N, 12, ·) each: with everything observed, with each mask
+    counted: tuple[Tensor, ...]  # (S, N) bool each: what may be learned from
     returns: Tensor  # (S, N, P), NaN without the phase
 
 
@@ -37,7 +38,12 @@ def labelled(
     history: int,
     certainty: bool,
 ) -> Labelled:
-    """An episode with features of its truth, and of what is believed with each of its masks."""
+    """An episode with features of its truth, and of what is believed with each of its masks.
+
+    ``beliefs`` begin with that of the mask that it was played with, if it has holes. With others
+    an intersection of which nothing is known is not learned from: what ran there gives away what
+    the policy saw.
+    """
     tables = SlotTables.of(network, interval)
     red_steps = red_steps_of(network, played.phase)
     truth = torch.from_numpy(played.values[_rows(played.steps, 1 + history)])
@@ -50,7 +56,14 @@ def labelled(
             parts.append(certainty_features(belief.known.numpy().swapaxes(0, 1)))
         return torch.from_numpy(np.concatenate(parts, axis=-1))
 
-    return Labelled(played.net, tuple(map(features, (seen, *beliefs))), played.returns)
+    slots = torch.from_numpy(network.slot_mask)
+    believed = (seen, *beliefs)
+    real = 1 if played.mask.all() else 2  # of them are what the policy knew, or knew more
+    counted = (
+        (belief.known & slots).any(dim=3).any(dim=1) | (place < real)
+        for place, belief in enumerate(believed)
+    )
+    return Labelled(played.net, tuple(map(features, believed)), tuple(counted), played.returns)
 
 
 def _rows(steps: IntArray, count: int) -> IntArray:

@@ -61,11 +61,12 @@ class Regression:
         count = max(1, settings.batch // episode.returns.shape[1])
         chosen = torch.from_numpy(self._random.integers(len(episode.returns), size=count))
         returns = episode.returns[chosen]
-        features = episode.features[self._variant(len(episode.features))][chosen]
+        variant = self._variant(len(episode.features))
+        features, counted = episode.features[variant][chosen], episode.counted[variant][chosen]
         order, graph = self._turned(self._graphs[episode.net])
         values = self.network(features[..., order, :], graph)
         wanted, found = centred(returns), centred(torch.where(returns.isnan(), torch.nan, values))
-        there = ~returns.isnan()
+        there = ~returns.isnan() & counted.unsqueeze(-1)
         loss = nn.functional.smooth_l1_loss(found[there] / scale, wanted[there] / scale)
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
