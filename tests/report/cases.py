@@ -38,8 +38,8 @@ method = ["Diff_Light", "max-queue", "max-pressure", "delay_based"]
 net = "jinan_1"
 missing = [
     { pattern = "none" },
-    { pattern = "random", rate = 0.1 },
     { pattern = "random", rate = 0.5 },
+    { pattern = "random", rate = 0.1 },
     { pattern = "kriging", rate = 0.25 },
 ]
 seed = [0, 1, 2]

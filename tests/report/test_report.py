@@ -95,6 +95,10 @@ def results(tmp_path):
     return read_results([make_batch(tmp_path / "b", tmp_path)])
 
 
+def test_cases_are_in_the_order_of_their_rates(results):
+    assert results.cases("jinan_1") == ("none", "random 10 %", "random 50 %", "kriging 25 %")
+
+
 def test_tables(results):
     table = cells(result_table(results, "jinan_1", "att_all"))
     assert table["Diff\\_Light"]["none"] == "**293.0 ± 1.7**"

@@ -29,6 +29,7 @@ Points = list[tuple[float, Mean]]
 
 DARK = 0.2  # relative luminance of a colour below which white words are easier to read
 MOST_TICKS = 6  # rates that are written below the axis as they are
+CROWDED = 4  # ticks that still fit beside each other with their fractions
 
 UNITS = {"att_all": "mean travel time (att_all), s", "att_approach": "time on approaches, s"}
 
@@ -66,7 +67,9 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
         label(panel, f"{dataset}, {_group_words(group)}", "missing, %", axis_words(metric))
         last = 100 * max(rates)
         if len(rates) <= MOST_TICKS:
-            panel.set_xticks([100 * rate for rate in rates])
+            ticks = [100 * rate for rate in rates]
+            turned = 45 if len(ticks) > CROWDED else 0
+            panel.set_xticks(ticks, [f"{tick:.4g}" for tick in ticks], rotation=turned)
         for method, points in lines.items():
             if results.kinds[method] == "reference" and points[-1][0] < last:
                 y = points[-1][1].value

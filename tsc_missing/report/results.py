@@ -68,8 +68,11 @@ class Results:
         return tuple(dict.fromkeys(run.spec.dataset for run in self.finished))
 
     def cases(self, dataset: str) -> tuple[str, ...]:
-        """Of a dataset, in the order of the suites."""
-        return tuple(dict.fromkeys(r.spec.case for r in self.finished if r.spec.dataset == dataset))
+        """Of a dataset: patterns in the order of the suites, each by its rates."""
+        runs = [run for run in self.finished if run.spec.dataset == dataset]
+        patterns = list(dict.fromkeys(map(_pattern, runs)))
+        runs.sort(key=lambda run: (patterns.index(_pattern(run)), run.spec.settings.missing.rate))
+        return tuple(dict.fromkeys(run.spec.case for run in runs))
 
     @cached_property
     def methods(self) -> tuple[str, ...]:
@@ -98,6 +101,11 @@ class Results:
             for name, version in json.loads(text or "{}").items():
                 found.setdefault(name, {})[version] = None
         return {name: list(all_) for name, all_ in found.items()}
+
+
+def _pattern(run: Run) -> tuple[object, ...]:
+    """What is missing in a run, whatever the rate."""
+    return tuple(run.spec.settings.missing.model_dump(exclude={"rate"}).values())
 
 
 def read_results(folders: Sequence[Path]) -> Results:
