@@ -37,8 +37,8 @@ trained = "random 50 %"
 method = ["Diff_Light", "max-queue", "max-pressure", "delay_based"]
 net = "jinan_1"
 missing = [
-    { pattern = "none" },
     { pattern = "random", rate = 0.5 },
+    { pattern = "none" },
     { pattern = "random", rate = 0.1 },
     { pattern = "kriging", rate = 0.25 },
 ]

@@ -68,11 +68,15 @@ class Results:
         return tuple(dict.fromkeys(run.spec.dataset for run in self.finished))
 
     def cases(self, dataset: str) -> tuple[str, ...]:
-        """Of a dataset: patterns in the order of the suites, each by its rates."""
+        """Of a dataset: nothing missing, then patterns as in the suites, each by its rates."""
         runs = [run for run in self.finished if run.spec.dataset == dataset]
         patterns = list(dict.fromkeys(map(_pattern, runs)))
-        runs.sort(key=lambda run: (patterns.index(_pattern(run)), run.spec.settings.missing.rate))
-        return tuple(dict.fromkeys(run.spec.case for run in runs))
+
+        def place(run: Run) -> tuple[bool, int, float]:
+            some = run.spec.case != NOTHING_MISSING
+            return some, patterns.index(_pattern(run)), run.spec.settings.missing.rate
+
+        return tuple(dict.fromkeys(run.spec.case for run in sorted(runs, key=place)))
 
     @cached_property
     def methods(self) -> tuple[str, ...]:
