@@ -29,7 +29,7 @@ Points = list[tuple[float, Mean]]
 
 DARK = 0.2  # relative luminance of a colour below which white words are easier to read
 MOST_TICKS = 6  # rates that are written below the axis as they are
-CROWDED = 4  # ticks that still fit beside each other with their fractions
+CROWDED = 14  # characters of all ticks that still fit beside each other
 
 UNITS = {"att_all": "mean travel time (att_all), s", "att_approach": "time on approaches, s"}
 
@@ -68,8 +68,9 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
         last = 100 * max(rates)
         if len(rates) <= MOST_TICKS:
             ticks = [100 * rate for rate in rates]
-            turned = 45 if len(ticks) > CROWDED else 0
-            panel.set_xticks(ticks, [f"{tick:.4g}" for tick in ticks], rotation=turned)
+            words = [f"{tick:.4g}" for tick in ticks]
+            turned = 45 if len("".join(words)) > CROWDED else 0
+            panel.set_xticks(ticks, words, rotation=turned)
         for method, points in lines.items():
             if results.kinds[method] == "reference" and points[-1][0] < last:
                 y = points[-1][1].value
