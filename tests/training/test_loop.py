@@ -171,7 +171,7 @@ def test_the_bundled_trainings_are_valid(name):
     if isinstance(settings, TrainingSettings):
         assert sum(settings.masks.shares) == pytest.approx(1)
     else:
-        assert settings.algorithm == name.removesuffix("-any")
+        assert settings.algorithm == name.removesuffix("-any").removesuffix("-first")
 
 
 def test_a_config_that_is_not_there():
