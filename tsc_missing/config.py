@@ -39,6 +39,11 @@ class VehicleType(Settings):
     depart_speed: str = "max"
     depart_pos: str = "base"
 
+    @property
+    def spacing(self) -> float:
+        """[m] of a lane that a standing vehicle takes, its gap included."""
+        return self.length + self.min_gap
+
     def as_xml(self, name: str) -> str:
         """SUMO's ``vType`` element."""
         return (

@@ -125,7 +125,7 @@ def entry_warnings(
     found = []
     for road, row in arrivals.items():
         wanted = max(row) * 3600.0 / BIN
-        space = vehicle.length + vehicle.min_gap
+        space = vehicle.spacing
         takes = sum(
             3600.0 / (vehicle.tau + space / min(speed, vehicle.max_speed)) for speed in lanes[road]
         )

@@ -105,7 +105,7 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         decision_interval=signals.decision_interval,
         lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,
         seed=int(stream(settings.seed, "controller").integers(2**31)),
-        spacing=settings.vehicle.length + settings.vehicle.min_gap,
+        spacing=settings.vehicle.spacing,
     )
 
 

@@ -13,15 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tsc_missing.config import SignalSettings
-from tsc_missing.controllers.base import ControlContext
 from tsc_missing.controllers.planner import Planner
 from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.lookahead.episode import Played
 from tsc_missing.lookahead.masks import besides
 from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.offline.fill import replay, replay_context
 from tsc_missing.offline.log import red_steps_of
-from tsc_missing.sensing.observation import Measurement, apply_mask
 from tsc_missing.weights.file import read_tensors, write_tensors
 from tsc_missing.weights.find import find_weights
 
@@ -61,25 +59,11 @@ def _believed(
     planner: Planner, network: Network, played: Played, mask: BoolArray, seed: int
 ) -> Belief:
     """At the tried steps; values in half precision."""
-    signals = SignalSettings()
-    planner.reset(
-        ControlContext(
-            network=network,
-            turning_flows=np.zeros(network.slot_mask.shape),
-            sensors=np.asarray(mask.any(axis=0)),
-            decision_interval=signals.decision_interval,
-            lost_time=signals.yellow,
-            seed=seed,
-        )
-    )
+    planner.reset(replay_context(network, mask, seed))
     values, known = [], []
     red_steps = red_steps_of(network, played.phase)
-    phases = np.concatenate((np.full_like(played.phase[:1], -1), played.phase[:-1]))
-    for step, phase in enumerate(phases):
-        truth = Measurement(played.values[step].astype(float), np.zeros(network.slot_mask.shape))
-        time = step * signals.decision_interval
-        seen = apply_mask(truth, mask[step], step, time, phase, red_steps[step])
-        if step not in played.steps:
+    for seen in replay(played.values, played.phase, red_steps, mask):
+        if seen.step not in played.steps:
             planner.watch(seen)
             continue
         planned = planner.plan(seen)

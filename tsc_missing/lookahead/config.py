@@ -10,7 +10,7 @@ from tsc_missing.qlearning.features import MOST_HISTORY
 
 LEARNING = frozenset(
     {"episodes", "held_out", "history", "updates", "batch", "learning_rate", "weight_decay"}
-    | {"average", "also", "complete"}
+    | {"average", "complete"}
 )
 """Settings that may differ where a training is gone on with: its episodes stay what they are."""
 

@@ -74,8 +74,8 @@ def play_episode(settings: LookaheadSettings, number: int, path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
         folder = Path(scratch)
         interval = run.signals.decision_interval
-        spacing = run.vehicle.length + run.vehicle.min_gap
-        room = Room(network, settings.min_space, spacing) if settings.min_space else None
+        space = settings.min_space
+        room = Room(network, space, run.vehicle.spacing) if space else None
         lookahead = Lookahead(q, network, interval, settings, random, folder, room)
         scene = scenario.scene(run, mask)
         trace = run_closed_loop(scene, run, policy, folder, explore=lookahead)

@@ -38,15 +38,23 @@ class Source:
         return number >= self.settings.episodes - self.settings.held_out
 
 
+def read_settings(folder: Path, field: str) -> LookaheadSettings:
+    """What a training was begun with; those that it did not have yet are as by default.
+
+    ``field`` is what the ``UserError`` for a folder that is none names.
+    """
+    try:
+        return LookaheadSettings.model_validate(read_json(folder / SETTINGS, field))
+    except ValidationError:
+        raise UserError(field, folder, "its settings are not those of lookahead") from None
+
+
 def read_source(folder: Path, like: LookaheadSettings) -> Source:
     """The episodes of another training, to be learned from with those of ``like``.
 
     Raises ``UserError`` where some are missing or mean something else.
     """
-    try:
-        settings = LookaheadSettings.model_validate(read_json(folder / SETTINGS, "also"))
-    except ValidationError:
-        raise UserError("also", folder, "its settings are not those of lookahead") from None
+    settings = read_settings(folder, "also")
     source = Source(folder, settings)
     if source.missing:
         raise UserError("also", folder, f"{len(source.missing)} of its episodes are not there")

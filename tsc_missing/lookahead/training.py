@@ -11,13 +11,13 @@ import torch
 from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_new_training, read_json, replace_file
+from tsc_missing.files import check_new_training, replace_file
 from tsc_missing.lookahead.believed import read_beliefs, write_beliefs
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
 from tsc_missing.lookahead.episode import play_episode, read_played
 from tsc_missing.lookahead.labelled import Labelled, labelled
 from tsc_missing.lookahead.regression import Regression
-from tsc_missing.lookahead.source import EPISODES, SETTINGS, Source, read_source
+from tsc_missing.lookahead.source import EPISODES, SETTINGS, Source, read_settings, read_source
 from tsc_missing.processes import worker_processes
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
@@ -96,10 +96,10 @@ class LookaheadTraining:
             return None
 
     def _check_same(self) -> None:
-        before = read_json(self.folder / SETTINGS, "resume")
+        before = read_settings(self.folder, "resume").model_dump(mode="json")
         for name, value in self.settings.model_dump(mode="json", exclude=set(LEARNING)).items():
-            if value != before.get(name):
-                words = f"{self.folder} was begun with {before.get(name)}"
+            if value != before[name]:
+                words = f"{self.folder} was begun with {before[name]}"
                 raise UserError(name, value, words)
 
     def _all(self) -> list[tuple[int, int]]:

@@ -1,5 +1,6 @@
 """Logs with holes, filled as an imputer would have filled them in the run."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,9 @@ import numpy as np
 from tsc_missing.config import SignalSettings
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.imputation.base import Imputer
-from tsc_missing.network.model import Network
-from tsc_missing.offline.log import EpisodeLog
-from tsc_missing.sensing.observation import Measurement, apply_mask
+from tsc_missing.network.model import BoolArray, IntArray, Network
+from tsc_missing.offline.log import EpisodeLog, Float32Array
+from tsc_missing.sensing.observation import Measurement, Observation, apply_mask
 
 
 def fill_log(log: EpisodeLog, network: Network, imputer: Imputer) -> EpisodeLog:
@@ -19,21 +20,35 @@ def fill_log(log: EpisodeLog, network: Network, imputer: Imputer) -> EpisodeLog:
     """
     if log.mask is None:
         return log
-    interval = SignalSettings().decision_interval
-    imputer.reset(
-        ControlContext(
-            network=network,
-            turning_flows=np.zeros(network.slot_mask.shape),
-            sensors=np.asarray(log.mask.any(axis=0)),
-            decision_interval=interval,
-            lost_time=SignalSettings().yellow,
-            seed=0,
-        )
-    )
+    imputer.reset(replay_context(network, log.mask, seed=0))
     values = np.empty_like(log.values)
-    phases = np.concatenate((np.full_like(log.phase[:1], -1), log.phase[:-1]))
-    for step, (mask, phase) in enumerate(zip(log.mask, phases, strict=True)):
-        truth = Measurement(log.values[step].astype(float), np.zeros(mask.shape))
-        seen = apply_mask(truth, mask, step, step * interval, phase, log.red_steps[step])
-        values[step] = imputer.fill(seen).values
+    for seen in replay(log.values, log.phase, log.red_steps, log.mask):
+        values[seen.step] = imputer.fill(seen).values
     return replace(log, values=values)
+
+
+def replay_context(network: Network, mask: BoolArray, seed: int) -> ControlContext:
+    """What was known before the first step of a log whose sensors had the ``mask`` (T, N, 12)."""
+    signals = SignalSettings()
+    return ControlContext(
+        network=network,
+        turning_flows=np.zeros(network.slot_mask.shape),
+        sensors=np.asarray(mask.any(axis=0)),
+        decision_interval=signals.decision_interval,
+        lost_time=signals.yellow,
+        seed=seed,
+    )
+
+
+def replay(
+    values: Float32Array, phase: IntArray, red_steps: IntArray, mask: BoolArray
+) -> Iterator[Observation]:
+    """The T observations that sensors with a ``mask`` (T, N, 12) made of what was logged.
+
+    ``values`` (T, N, 12, F), ``phase`` (T, N) that ran from each step, ``red_steps`` (T, N, 12).
+    """
+    interval = SignalSettings().decision_interval
+    before = np.concatenate((np.full_like(phase[:1], -1), phase[:-1]))
+    for step, ran in enumerate(before):
+        truth = Measurement(values[step].astype(float), np.zeros(mask[step].shape))
+        yield apply_mask(truth, mask[step], step, step * interval, ran, red_steps[step])
