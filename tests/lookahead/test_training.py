@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -101,6 +103,23 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
         LookaheadTraining(settings(small_net, tmp_path, base=str(whole)), tmp_path / "next")
     again = with_holes(small_net, tmp_path, base=str(whole))
     assert LookaheadTraining(again, tmp_path / "next").run(1).is_file()
+
+
+def test_a_training_begun_before_its_newest_settings_goes_on(small_net, tmp_path):
+    folder = tmp_path / "t"
+    LookaheadTraining(settings(small_net, tmp_path), folder).run(1)
+    path = folder / "settings.json"
+    old = json.loads(path.read_text())
+    for name in ("lost", "patterns", "also", "fill"):
+        del old[name]
+    path.write_text(json.dumps(old))
+    assert LookaheadTraining(settings(small_net, tmp_path), folder, resume=True).run(1).is_file()
+    other = settings(small_net, tmp_path, also=(folder,))
+    with pytest.raises(UserError, match=r"also: .* was begun with"):
+        LookaheadTraining(other, folder, resume=True)
+    path.write_text('{"algorithm": "other"}')
+    with pytest.raises(UserError, match=r"resume: .*not those of lookahead"):
+        LookaheadTraining(settings(small_net, tmp_path), folder, resume=True)
 
 
 def test_episodes_of_another_training_are_learned_from_too(small_net, tmp_path):
