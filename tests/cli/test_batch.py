@@ -197,6 +197,44 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     refused(command, "batch", "small.toml", "--out", "b", "--any-version", words=words)
 
 
+def test_runs_of_other_batches_are_taken(command, small_net):
+    write_suite(command, small_net, methods='"max-queue"', horizon=45)
+    write_suite(command, small_net, horizon=45, seeds="[1, 2]", name="more")
+    done = command("batch", "small.toml", "--out", "a", "--no-decisions")
+    assert done.returncode == 0, done.stderr
+    shared = "small-random-0.5-max-queue-seed1"
+    source = command.cwd / "a" / "runs" / shared
+    more = ("more.toml", "--out", "b", "--reuse", "a")
+    listed = command("batch", *more, "--list")
+    assert [line for line in listed.stdout.splitlines() if line.startswith("to take")] == [
+        f"to take   {shared}"
+    ]
+    told = json.loads(command("batch", *more, "--list", "--json").stdout)
+    assert told["reusable"] == {shared: f"a/runs/{shared}"}
+    assert not (command.cwd / "b").exists()
+
+    taken = command.cwd / "b" / "runs" / shared
+    done = command("batch", *more, "--no-decisions")
+    assert done.returncode == 0, done.stderr
+    assert len(rows(command.cwd / "b")) == 4
+    assert (taken / "run.json").read_bytes() == (source / "run.json").read_bytes()
+    done = command("batch", "more.toml", "--out", "c", "--reuse", "b")  # has no decisions
+    assert done.returncode == 0, done.stderr
+    again = command.cwd / "c" / "runs" / shared
+    assert (again / "decisions.parquet").is_file()
+    assert (again / "trips.parquet").read_bytes() == (source / "trips.parquet").read_bytes()
+
+    record = json.loads((source / "run.json").read_text())
+    for changed in ({"versions": {"libsumo": "1.0"}}, {"checksums": {"net.net.xml": "0"}}):
+        (source / "run.json").write_text(json.dumps({**record, **changed}))
+        listed = command("batch", "more.toml", "--out", "d", "--reuse", "a", "--list")
+        assert "to take" not in listed.stdout
+    (source / "run.json").write_text(json.dumps({**record, "versions": {"libsumo": "1.0"}}))
+    listed = command("batch", *more[:2], "d", "--reuse", "a", "--any-version", "--list")
+    assert f"to take   {shared}" in listed.stdout
+    refused(command, "batch", "more.toml", "--reuse", "nowhere", words=["--reuse", "nowhere"])
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1"])
 def test_a_cluster_that_is_not_there(command, small_net, address):
     pytest.importorskip("distributed", reason="Dask is not installed (the extra cluster)")

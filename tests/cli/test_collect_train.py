@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 from tsc_missing.offline.dataset import read_dataset
+from tsc_missing.offline.seen import saw_nothing
 
 CONFIG = """
 data = "data"
@@ -101,9 +102,29 @@ def test_holes_and_their_blind_set(command, small_net):
     assert json.loads((command.cwd / "data" / "plan.json").read_text())["missing"]["rate"] == 0.3
 
 
+def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
+    done = command(
+        *("collect", "--out", "data", "--net", "jinan", "--episodes", 2, "--horizon", 150),
+        *("--policy", "difflight", "--lost", "kriging", "--lost", "none", "--min-space", 9),
+        *("--unaware", 0, "--epsilon-max", 0),
+    )
+    assert done.returncode == 0, done.stderr
+    data = read_dataset(command.cwd / "data")
+    assert data.manifest.complete
+    specs = [episode.spec for episode in data.manifest.episodes]
+    assert [spec.lost for spec in specs] == ["kriging", "none"]
+    blind = [saw_nothing(spec, data.networks["jinan"]) for spec in specs]
+    assert blind[0].any()
+    assert not blind[1].any()
+    values = data.load(0).values[-1, :, :, 0]
+    assert values[blind[0]].any()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--lost", "krigin"), "--lost: krigin is not allowed"),
+        (("--min-space", "-1"), "--min-space: -1"),
         (("--policy", "max-quue"), "did you mean max-queue"),
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),
         (("--net", "jnan"), "did you mean"),

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from tests.controllers.planning import observations
 from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.controllers.max_queue import MaxQueue
-from tsc_missing.offline.policies import Unaware, make_policy, unaware_set
+from tsc_missing.offline.policies import Unaware, make_policy
+from tsc_missing.offline.seen import unaware_set
 
 GRID = grid_network(2, 3)
 

@@ -12,8 +12,8 @@ from tests.networks import grid_network, tee_network
 from tests.offline.cases import made_up_dataset
 from tsc_missing.errors import UserError
 from tsc_missing.offline.dataset import EPISODES, MANIFEST, read_dataset
-from tsc_missing.offline.policies import unaware_set
 from tsc_missing.offline.pool import EpisodePool
+from tsc_missing.offline.seen import unaware_set
 from tsc_missing.offline.window_masks import MaskMix, draw_masks
 from tsc_missing.offline.windows import Draw, WindowSampler
 

@@ -80,6 +80,43 @@ def test_weights_tell_where_they_come_from(settings, dataset, tmp_path):
     assert str(tmp_path) not in json.dumps(manifest)
 
 
+def test_weights_are_trained_further(settings, dataset, tmp_path):
+    first = Training(settings, dataset, tmp_path / "a").run()
+    more = settings.model_copy(update={"begin": str(first), "steps": 4, "learning_rate": 1e-6})
+    further, manifest = load_weights(Training(more, dataset, tmp_path / "b").run())
+    begun, about = load_weights(first)
+    assert manifest["begun_from"] == about["checksum"]
+    assert about["begun_from"] is None
+    assert str(tmp_path) not in json.dumps(manifest)
+    before = begun.state_dict()
+    for name, tensor in further.state_dict().items():
+        torch.testing.assert_close(tensor, before[name], atol=1e-4, rtol=0)
+    assert any(not torch.equal(x, before[name]) for name, x in further.state_dict().items())
+    run_until(more, dataset, tmp_path / "c", 2)
+    resumed, _ = load_weights(Training(more, dataset, tmp_path / "c", resume=True).run())
+    for name, tensor in further.state_dict().items():
+        assert torch.equal(tensor, resumed.state_dict()[name]), name
+
+
+def test_weights_of_another_model_are_not_trained_further(settings, dataset, tmp_path):
+    first = Training(settings, dataset, tmp_path / "a").run()
+    wider = TINY.model_copy(update={"hidden": TINY.hidden * 2})
+    other = settings.model_copy(update={"begin": str(first), "model": wider})
+    with pytest.raises(UserError, match="another config"):
+        Training(other, dataset, tmp_path / "b")
+    with pytest.raises(UserError, match="nowhere"):
+        Training(settings.model_copy(update={"begin": "nowhere"}), dataset, tmp_path / "b")
+
+
+def test_a_training_of_an_older_version_goes_on(settings, dataset, tmp_path):
+    run_until(settings, dataset, tmp_path / "a", 2)
+    path = tmp_path / "a" / checkpoint.FILE
+    at, tensors = checkpoint.load_checkpoint(path)
+    known = {name: value for name, value in at.settings.items() if name != "begin"}
+    checkpoint.write_checkpoint(path, tensors, at.model_copy(update={"settings": known}))
+    assert Training(settings, dataset, tmp_path / "a", resume=True).step == 2
+
+
 def test_a_training_learns(settings, dataset, tmp_path):
     longer = settings.model_copy(
         update={"steps": 80, "learning_rate": 1e-2, "log_steps": 10, "weight_decay": 0.0}

@@ -2,8 +2,8 @@
 
 import contextlib
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tsc_missing.batch.check import available, check_scenarios
@@ -22,6 +22,7 @@ from tsc_missing.batch.folder import (
     write_failure,
     write_plan,
 )
+from tsc_missing.batch.reuse import find_reusable, take
 from tsc_missing.batch.suite import RunSpec, Suite
 from tsc_missing.batch.table import write_table
 from tsc_missing.batch.task import Task
@@ -40,6 +41,7 @@ class Batch:
     scenarios: dict[str, Scenario]  # by run
     finished: frozenset[str]  # names of the runs that are there
     out: Path
+    reusable: dict[str, Path] = field(default_factory=dict)  # runs of other batches, by name here
 
     @property
     def missing(self) -> tuple[RunSpec, ...]:
@@ -77,15 +79,21 @@ class State:
 Watch = Callable[[Callable[[], State]], None]
 
 
-def prepare_batch(suite: Suite, out: Path, skip: bool, any_version: bool) -> Batch:
-    """Find everything that is wrong before anything starts, and what is there already."""
+def prepare_batch(
+    suite: Suite, out: Path, skip: bool, any_version: bool, reuse: Sequence[Path] = ()
+) -> Batch:
+    """Find everything that is wrong before anything starts, and what is there already.
+
+    ``reuse`` are folders of other batches whose runs are taken where they are the same.
+    """
     check_folder(out)
     runs, lacking = available(suite.runs, skip)
     scenarios = check_scenarios(runs)
     finished = finished_runs(out, runs, scenarios, any_version)
-    return Batch(
-        suite.model_copy(update={"runs": runs}), lacking, scenarios, frozenset(finished), out
-    )
+    left = [run for run in runs if run.name not in finished]
+    reusable = find_reusable(reuse, left, scenarios, any_version)
+    suite = suite.model_copy(update={"runs": runs})
+    return Batch(suite, lacking, scenarios, frozenset(finished), out, reusable)
 
 
 def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[str, Failure]:
@@ -111,6 +119,7 @@ def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
     out = batch.out
     write_plan(out, Plan(suite=batch.suite, lacking=batch.lacking, command=means.command))
     clear_leftovers(out)
+    batch = _with_reused(batch, means.decisions)
     for name in batch.finished:
         forget_failure(out, name)
     try:
@@ -118,6 +127,14 @@ def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
     finally:
         clear_leftovers(out)
         write_table(out)
+
+
+def _with_reused(batch: Batch, decisions: bool) -> Batch:
+    """The batch with what other batches have made of it."""
+    taken = {
+        name for name, folder in batch.reusable.items() if take(folder, batch.out, name, decisions)
+    }
+    return replace(batch, finished=batch.finished | taken, reusable={})
 
 
 def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:

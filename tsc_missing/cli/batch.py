@@ -50,6 +50,10 @@ def batch(
     any_version: Annotated[
         bool, typer.Option("--any-version", help="Keep finished runs of other versions.")
     ] = False,
+    reuse: Annotated[
+        list[Path] | None,
+        typer.Option(help="Another batch's folder, whose runs are taken where they are the same."),
+    ] = None,
     runs_per_process: Annotated[
         int, typer.Option(min=1, help="Runs after which a worker process is replaced.")
     ] = 25,
@@ -70,7 +74,7 @@ def batch(
 
     wanted = read_suite(suite, changes or ())
     folder = out if out is not None else Path("runs") / wanted.name
-    prepared = prepare_batch(wanted, folder, skip_unavailable, any_version)
+    prepared = prepare_batch(wanted, folder, skip_unavailable, any_version, reuse or ())
     _tell_lacking(prepared)
     if only_list:
         _list(prepared, as_json)
@@ -104,13 +108,16 @@ def _left(prepared: "Batch") -> list[str]:
 
 
 def _list(prepared: "Batch", as_json: bool) -> None:
-    rows = {run.name: run.name in prepared.finished for run in prepared.suite.runs}
+    names = [run.name for run in prepared.suite.runs]
     if as_json:
-        json.dump({"out": str(prepared.out), "runs": rows}, sys.stdout)
+        rows = {name: name in prepared.finished for name in names}
+        reusable = {name: str(folder) for name, folder in prepared.reusable.items()}
+        json.dump({"out": str(prepared.out), "runs": rows, "reusable": reusable}, sys.stdout)
         sys.stdout.write("\n")
         return
-    for name, there in rows.items():
-        print(f"{'finished' if there else 'to run  '}  {name}")
+    for name in names:
+        there = "finished" if name in prepared.finished else "to run  "
+        print(f"{'to take ' if name in prepared.reusable else there}  {name}")
 
 
 def _watched(prepared: "Batch", means: "Means") -> dict[str, "Failure"]:

@@ -30,7 +30,9 @@ def collect(
     episodes: Annotated[int, typer.Option(help="Runs, taking the networks in turn.")] = (
         DEFAULT.episodes
     ),
-    demand: Annotated[str, typer.Option(help="profile, recorded or auto.")] = DEFAULT.demand,
+    demand: Annotated[
+        str, typer.Option(help="profile, recorded, or auto: either, volume 1 where it is fixed.")
+    ] = DEFAULT.demand,
     volume_min: Annotated[float, typer.Option(help="Least volume of an episode.")] = (
         DEFAULT.volume_min
     ),
@@ -52,6 +54,17 @@ def collect(
     unaware: Annotated[
         float, typer.Option(help="Largest share of intersections whose policy sees nothing.")
     ] = DEFAULT.unaware,
+    lost: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What the policies do not see: none, random, kriging, lane, burst or mixed, at "
+            "rates drawn for each episode; repeatable, one a round over the networks. "
+            "Default: none."
+        ),
+    ] = None,
+    min_space: Annotated[
+        int, typer.Option(help="Vehicles a lane that policies keep free on short roads; 0: none.")
+    ] = DEFAULT.min_space,
     missing: Annotated[
         str, typer.Option(help="Holes of the log: none, random, kriging, lane, burst or mixed.")
     ] = DEFAULT.missing.pattern,
@@ -73,6 +86,8 @@ def collect(
         epsilon_max=epsilon_max,
         switch=switch,
         unaware=unaware,
+        lost=tuple(lost or DEFAULT.lost),
+        min_space=min_space,
         missing={"pattern": missing, "rate": rate},
         horizon=horizon,
         episodes=episodes,
@@ -95,7 +110,8 @@ def _settings(**values: Any) -> CollectSettings:
         return CollectSettings.model_validate(values)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        name = str(first["loc"][-1]) if first["loc"] else "options"
+        names = [part for part in first["loc"] if isinstance(part, str)]
+        name = str(names[-1]) if names else "options"
         option = {"pattern": "missing", "nets": "net", "policies": "policy"}.get(name, name)
         text = str(first["msg"]).removeprefix("Value error, ")
         raise UserError(f"--{option.replace('_', '-')}", first["input"], text) from None

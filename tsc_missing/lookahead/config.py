@@ -7,14 +7,13 @@ from pydantic import Field, model_validator
 
 from tsc_missing.config import Settings
 from tsc_missing.qlearning.features import MOST_HISTORY
+from tsc_missing.sensing.failures import Failure, MaybeFailure
 
 LEARNING = frozenset(
     {"episodes", "held_out", "history", "updates", "batch", "learning_rate", "weight_decay"}
     | {"average", "complete"}
 )
 """Settings that may differ where a training is gone on with: its episodes stay what they are."""
-
-Pattern = Literal["random", "kriging", "lane", "burst", "mixed"]
 
 
 class LookaheadSettings(Settings):
@@ -29,7 +28,7 @@ class LookaheadSettings(Settings):
 
     base: str = "value"  # weights that decide in the episodes, and that are improved
     min_space: int = Field(0, ge=0)  # [vehicles a lane] kept free on short roads meanwhile; 0: none
-    lost: tuple[Literal["none"] | Pattern, ...] = ("none",)  # in the episodes, in turn: then
+    lost: tuple[MaybeFailure, ...] = ("none",)  # in the episodes, in turn: then
     # `fill` and `base` decide together, as the diffusion controller does
     episodes: int = Field(30, ge=1)
     held_out: int = Field(0, ge=0)  # of them, the last: only to measure what was learned
@@ -42,7 +41,7 @@ class LookaheadSettings(Settings):
     reward_scale: float = Field(40.0, gt=0)  # [vehicles] that count as 1, likewise
 
     also: tuple[Path, ...] = ()  # trainings by lookahead whose episodes are learned from, too
-    patterns: tuple[Pattern, ...] = ()  # lost in thought, a mask each for every episode;
+    patterns: tuple[Failure, ...] = ()  # lost in thought, a mask each for every episode;
     fill: str = "universal"  # diffusion weights that fill their holes,
     sampling_steps: int = Field(10, ge=1)  # in so many reverse steps
     complete: float = Field(0.25, ge=0, le=1)  # share of updates with everything observed

@@ -30,7 +30,8 @@ from tsc_missing.offline.dataset import (
 from tsc_missing.offline.episode import play
 from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.plan import CollectSettings, EpisodeSpec, draw_spec
-from tsc_missing.offline.policies import Unaware, make_policy, unaware_set
+from tsc_missing.offline.policies import Unaware, make_policy
+from tsc_missing.offline.seen import seen_by_policies, unaware_set
 from tsc_missing.processes import worker_processes
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
@@ -52,7 +53,11 @@ def collect(
     scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
     _check_scenarios(settings, scenarios)
     start_dataset(out, settings)
-    specs = [draw_spec(settings, number) for number in range(settings.episodes)]
+    scaled = {net: scenario.demand_kind == "profile" for net, scenario in scenarios.items()}
+    specs = [
+        draw_spec(settings, number, scaled[settings.nets[number % len(settings.nets)]])
+        for number in range(settings.episodes)
+    ]
     wanted = [spec for spec in specs if not _is_there(out, spec)]
     done = len(specs) - len(wanted)
     if wanted:
@@ -69,10 +74,8 @@ def collect(
 def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) -> None:
     """What the first episode of each network would stop at, before anything starts."""
     for number, (net, scenario) in enumerate(scenarios.items()):
-        if scenario.demand_kind != "profile" and (settings.volume_min, settings.volume_max) != (
-            1.0,
-            1.0,
-        ):
+        volumes = {settings.volume_min, settings.volume_max}
+        if scenario.demand_kind != "profile" and settings.demand != "auto" and volumes != {1.0}:
             raise UserError("volume", net, "its demand has only volume 1: min and max must be")
         spec = draw_spec(settings, number)
         draw_mask(settings.missing, scenario.folder.network, 1, spec.mask_seed)
@@ -84,8 +87,16 @@ def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
     """Run an episode and write its log into the dataset at ``out``."""
     scenario = find_scenario(spec.net, spec.demand)
     unaware = unaware_set(spec.unaware, spec.seed, scenario.folder.network.n)
-    policy = Unaware(make_policy(spec.policies, spec.switch_at, spec.epsilon), unaware, spec.seed)
-    log = play(scenario, spec.run_settings(), policy, spec.missing, spec.mask_seed, scratch)
+    policy = make_policy(spec.policies, spec.switch_at, spec.epsilon, spec.min_space)
+    log = play(
+        scenario,
+        spec.run_settings(),
+        Unaware(policy, unaware, spec.seed),
+        spec.missing,
+        spec.mask_seed,
+        scratch,
+        seen_by_policies(spec, scenario.folder.network),
+    )
     write_log(out / EPISODES / spec.file, log, spec.model_dump(mode="json"))
 
 

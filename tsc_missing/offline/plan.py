@@ -9,6 +9,7 @@ from tsc_missing.config import SEEDS, MissingSettings, RunSettings, Settings
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.offline.policies import POLICIES, RULES
 from tsc_missing.seeding import stream
+from tsc_missing.sensing.failures import MaybeFailure
 
 
 class CollectSettings(Settings):
@@ -23,7 +24,9 @@ class CollectSettings(Settings):
     epsilon_max: float = Field(0.2, ge=0, le=1)  # drawn for each episode
     switch: float = Field(0.25, ge=0, le=1)  # share of episodes with two policies in turn
     unaware: float = Field(0.6, ge=0, le=1)  # most of the intersections that see nothing
-    missing: MissingSettings = MissingSettings()  # holes of the log; policies see everything
+    lost: tuple[MaybeFailure, ...] = ("none",)  # what the policies do not see, in turn
+    min_space: int = Field(0, ge=0)  # [vehicles a lane] that policies keep on short roads; 0: none
+    missing: MissingSettings = MissingSettings()  # holes of the log
     horizon: int = Field(3600, gt=0)  # [s] of an episode
     episodes: int = Field(60, ge=1)
     seed: int = Field(0, ge=0, lt=SEEDS)
@@ -34,6 +37,8 @@ class CollectSettings(Settings):
             raise ValueError("volume_min must not be above volume_max")
         if self.epsilon_min > self.epsilon_max:
             raise ValueError("epsilon_min must not be above epsilon_max")
+        if not self.lost:
+            raise ValueError("lost must name a pattern, or none")
         return self
 
     def check(self) -> None:
@@ -54,6 +59,8 @@ class EpisodeSpec(Settings):
     switch_at: int | None  # [decision steps] where the second policy takes over
     epsilon: float
     unaware: float  # share of the intersections whose policy sees nothing
+    lost: MaybeFailure = "none"  # what the policies do not see
+    min_space: int = 0  # [vehicles a lane] that the policies keep on short roads
     missing: MissingSettings
     mask_seed: int
     horizon: int  # [s]
@@ -65,7 +72,7 @@ class EpisodeSpec(Settings):
         return f"{self.number:05d}.parquet"
 
     def run_settings(self) -> RunSettings:
-        """The settings of the run; the policies see everything."""
+        """The settings of the run, but for what is collected only."""
         return RunSettings(
             net=self.net,
             demand=self.demand,
@@ -75,15 +82,15 @@ class EpisodeSpec(Settings):
         )
 
 
-def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
-    """Episode ``number`` of a collection.
+def draw_spec(settings: CollectSettings, number: int, scaled: bool = True) -> EpisodeSpec:
+    """Episode ``number`` of a collection; ``scaled``: the demand of its network can be scaled.
 
     The blind intersections of kriging masks are the same in every episode, and those of runs
     with the collection's seed as mask seed. All else is drawn anew for each episode; other masks
     have seeds that no run can have.
     """
     rng = stream(settings.seed, f"episode-{number}")
-    volume = _uniform(rng, settings.volume_min, settings.volume_max)
+    drawn = _uniform(rng, settings.volume_min, settings.volume_max)
     epsilon = _uniform(rng, settings.epsilon_min, settings.epsilon_max)
     chosen = rng.permutation(len(settings.policies))[: 1 + int(rng.random() < settings.switch)]
     unaware = _uniform(rng, 0.0, settings.unaware)
@@ -97,11 +104,13 @@ def draw_spec(settings: CollectSettings, number: int) -> EpisodeSpec:
         number=number,
         net=settings.nets[number % len(settings.nets)],
         demand=settings.demand,
-        volume=volume,
+        volume=drawn if scaled else 1.0,
         policies=tuple(settings.policies[k] for k in chosen),
         switch_at=int(steps * rng.uniform(0.25, 0.75)) if len(chosen) > 1 else None,
         epsilon=epsilon,
         unaware=unaware,
+        lost=settings.lost[number // len(settings.nets) % len(settings.lost)],
+        min_space=settings.min_space,
         missing=settings.missing,
         mask_seed=mask_seed,
         horizon=settings.horizon,

@@ -4,19 +4,28 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.random_phases import RandomPhases
-from tsc_missing.controllers.registry import LEARNED, VALUE
+from tsc_missing.controllers.registry import (
+    DIFFLIGHT,
+    LEARNED,
+    VALUE,
+    make_controller,
+    roomy,
+)
 from tsc_missing.controllers.registry import make_policy as make_one
+from tsc_missing.imputation.base import Imputed
+from tsc_missing.imputation.registry import make_imputer
 from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import Observation
 
 RULES = ("advanced-max-pressure", "fixed-time", "max-pressure", "max-queue")
-POLICIES = (*RULES, *LEARNED, VALUE)
-"""Controllers for complete observations, by name; the learned ones have packaged weights."""
+POLICIES = (*RULES, *LEARNED, VALUE, DIFFLIGHT)
+"""Controllers by name; the learned ones have packaged weights."""
 
 STAY = 0.6  # probability that a signal that is switched at random stays as it is
 SPREAD = 0.5  # of the logarithm of an error in the flows that an unaware policy believes
@@ -55,11 +64,6 @@ class Unaware(Controller):
         stay = (self._random.random(len(phases)) < STAY) & (observation.phase >= 0)
         blind[-1] = np.where(stay, observation.phase, blind[-1])
         return np.where(self._unaware, np.choose(self._which, blind), phases).astype(np.int64)
-
-
-def unaware_set(share: float, seed: int, intersections: int) -> BoolArray:
-    """(N,): which intersections of an episode are unaware, each with probability ``share``."""
-    return np.asarray(stream(seed, "unaware").random(intersections) < share)
 
 
 class Exploring(Controller):
@@ -107,9 +111,22 @@ class InTurn(Controller):
         return answers[observation.step >= self._step]
 
 
-def make_policy(names: Sequence[str], switch_at: int | None, epsilon: float) -> Controller:
-    """The policy ``names[0]``, or two in turn, with exploration."""
-    policy = make_one(names[0])
+def make_policy(
+    names: Sequence[str], switch_at: int | None, epsilon: float, min_space: int = 0
+) -> Controller:
+    """The policy ``names[0]``, or two in turn, with exploration.
+
+    Where sensors fail each of them runs as it does in ``tsc-run``, with the usual imputer.
+    ``min_space`` [vehicles a lane] is what they keep on short roads; 0 for none.
+    """
+    policy = _make_one(names[0], min_space)
     if switch_at is not None:
-        policy = InTurn(policy, make_one(names[1]), switch_at)
+        policy = InTurn(policy, _make_one(names[1], min_space), switch_at)
     return Exploring(policy, epsilon)
+
+
+def _make_one(name: str, min_space: int) -> Controller:
+    imputer = str(RunSettings.model_fields["imputer"].default)
+    if name == VALUE:
+        return roomy(Imputed(make_imputer(imputer), make_one(name)), min_space)
+    return make_controller(name, imputer, "auto", min_space=min_space)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import Dataset
-from tsc_missing.offline.policies import unaware_set
+from tsc_missing.offline.seen import saw_nothing
 from tsc_missing.seeding import stream
 
 VEHICLES, QUEUE, RED_STEPS, RECORDED = range(4)  # the columns of a cell
@@ -68,11 +68,12 @@ class EpisodePool:
         cells[:, RECORDED] = log.recorded.ravel()
         self.phase[start : start + rows] = log.phase.ravel()
         self.episode[place] = episode
-        there = self._dataset.networks[self._dataset.manifest.episodes[episode].spec.net].slot_mask
-        reports: BoolArray = np.any(log.recorded, axis=0)
         spec = self._dataset.manifest.episodes[episode].spec
+        network = self._dataset.networks[spec.net]
+        reports: BoolArray = np.any(log.recorded, axis=0)
+        there = network.slot_mask
         self.unaware[place] = np.flatnonzero(
-            unaware_set(spec.unaware, spec.seed, len(reports)) & (reports & there).any(axis=1)
+            saw_nothing(spec, network) & (reports & there).any(axis=1)
         )
         self.reports[place] = False
         self.reports[place, : len(reports)] = reports

@@ -65,7 +65,7 @@ def check_same(
     """
     wanted = settings.model_dump(mode="json")
     for name in wanted.keys() - resumable:
-        before = at.settings.get(name)
+        before = at.settings.get(name, type(settings).model_fields[name].default)
         if wanted[name] != before:
             raise UserError(name, wanted[name], f"{folder} was begun with {before}")
     if at.data != dataset.checksum:

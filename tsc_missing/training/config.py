@@ -24,6 +24,7 @@ class TrainingSettings(StepSettings):
     """Everything that the weights of a training depend on, and how often it is saved."""
 
     data: Path  # the dataset's folder
+    begin: str = ""  # weights that are trained further, a name or a path; none: fresh ones
     model: DiffLightConfig = DiffLightConfig()
     masks: MaskMix = MaskMix()
     told_all: float = Field(0.5, ge=0, le=1)  # share of windows whose neighbours tell everything

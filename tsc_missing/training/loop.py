@@ -11,8 +11,9 @@ from torch import Tensor
 
 from tsc_missing.diffusion.difflight import DiffLightModel, Losses
 from tsc_missing.diffusion.ema import Ema
-from tsc_missing.diffusion.weights import save_weights
+from tsc_missing.diffusion.weights import load_weights, save_weights
 from tsc_missing.diffusion.windows import Windows, training_batch
+from tsc_missing.errors import UserError
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
@@ -20,7 +21,7 @@ from tsc_missing.training.config import RESUMABLE, TrainingSettings
 from tsc_missing.training.metrics import MetricsLog
 from tsc_missing.training.steps import DivergedError, StepTraining, learning_rate
 from tsc_missing.versions import git_revision, versions
-from tsc_missing.weights.find import FILE
+from tsc_missing.weights.find import FILE, find_weights
 from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under
 
 
@@ -44,6 +45,7 @@ class Training(StepTraining[TrainingSettings, Seen]):
         """Check everything that can be wrong, and load the checkpoint to resume from."""
         super().__init__(settings, dataset, folder)
         self.model = DiffLightModel(settings.model).use(settings.precision)
+        self._begun_from = _begin_with(self.model, settings.begin) if settings.begin else None
         self.ema = Ema(self.model, settings.ema_decay)
         self._optimiser = torch.optim.AdamW(
             self.model.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
@@ -121,7 +123,8 @@ class Training(StepTraining[TrainingSettings, Seen]):
         path = self.folder / FILE
         about = {
             "data": self._dataset.about(),
-            "training": self.settings.model_dump(mode="json", exclude={"model", "data"}),
+            "training": self.settings.model_dump(mode="json", exclude={"model", "data", "begin"}),
+            "begun_from": self._begun_from,
             "seed": self.settings.seed,
             "steps": self.step,
             "wall_seconds": round(self._wall, 1),
@@ -130,6 +133,16 @@ class Training(StepTraining[TrainingSettings, Seen]):
         }
         save_weights(self.ema.model, path, about)
         return path
+
+
+def _begin_with(model: DiffLightModel, weights: str) -> str:
+    """Put weights into a model; returns their checksum. ``UserError`` for those of another one."""
+    path = find_weights(weights)
+    found, manifest = load_weights(path)
+    if found.config != model.config:
+        raise UserError("begin", weights, "they are of a model with another config")
+    model.load_state_dict(found.state_dict())
+    return str(manifest["checksum"])
 
 
 class _Means:
