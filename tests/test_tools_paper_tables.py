@@ -1,0 +1,51 @@
+"""``python -m tools.paper_tables``: which suites, and a run that two of them share."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from tools.paper_tables import SUITES, arguments, batch_words
+from tsc_missing.batch.suite import bundled_suites, read_suite
+
+ROOT = Path(__file__).resolve().parents[1]
+OURS = {"baselines", "datasets", "headline", "smoke", "strict"}  # the paper's numbers beside ours
+
+
+def test_all_suites_of_the_paper():
+    about = {name: read_suite(name).paper for name in bundled_suites()}
+    assert {name for name, tables in about.items() if tables} - OURS <= set(SUITES)
+    assert set(SUITES) <= set(about)
+
+
+def test_later_suites_reuse_earlier_ones(tmp_path):
+    for name in ("no-missing", "limits"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "batch.json").touch()
+    wanted = arguments(["--runs", str(tmp_path), "--reuse", "elsewhere", "--set", "seed=[0]"])
+    words = batch_words("random-missing", wanted)
+    assert words[-4:] == ["--reuse", "elsewhere", "--reuse", str(tmp_path / "no-missing")]
+    assert words[words.index("--set") + 1] == "seed=[0]"
+
+
+def test_a_shared_run_is_made_once(tmp_path, small_net):
+    pytest.importorskip("torch", reason="the diffusion controller needs torch")
+    short = [f"net='{small_net}'", "horizon=45", "seed=[0]"]
+    words = [word for change in short for word in ("--set", change)]
+    done = subprocess.run(
+        [sys.executable, "-m", "tools.paper_tables", *words, "--only", "no-missing", "limits"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    runs = [tmp_path / "runs" / name for name in ("no-missing", "limits")]
+    shared = [folder / "runs" / "small-none-max-queue-seed0" / "run.json" for folder in runs]
+    assert shared[0].read_bytes() == shared[1].read_bytes()
+    assert pq.read_table(runs[1] / "results.parquet").num_rows == 7
+    assert all((folder / "report" / "report.html").is_file() for folder in runs)

@@ -1,0 +1,76 @@
+"""Every table of the paper: the suites that repeat them, one after the other, and their reports.
+
+    python -m tools.paper_tables --set demand=recorded
+    python -m tools.paper_tables --only limits cql-model-based --reuse runs/headline
+
+Runs `tsc-batch` and `tsc-report`, which it prints first. A run that several tables share is made
+once (`--reuse`); what is there is not made again; stopped at any moment, the same command goes on.
+Methods without weights are left out (docs/batches.md says what makes them).
+"""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tsc_missing.batch.folder import PLAN
+
+SUITES = (
+    "no-missing",
+    "random-missing",
+    "kriging",
+    "limits",
+    "unobserved-locations",
+    "cql-model-based",
+    "sampling-steps",
+    "newyork-random",
+    "newyork-kriging",
+    "ablation",
+    "dcm-ablation",
+    "inverse-dynamics-ablation",
+    "generalisation",
+)
+"""Those of the paper, the shared runs first."""
+
+
+def batch_words(suite: str, wanted: argparse.Namespace) -> list[str]:
+    """The arguments of ``tsc-batch``."""
+    out = wanted.runs / suite
+    earlier = [wanted.runs / name for name in SUITES[: SUITES.index(suite)]]
+    others = [*wanted.reuse, *(path for path in earlier if (path / PLAN).is_file())]
+    words = [suite, "--out", str(out), "--skip-unavailable", "--workers", str(wanted.workers)]
+    words += [word for change in wanted.changes for word in ("--set", change)]
+    return words + [word for path in others for word in ("--reuse", str(path))]
+
+
+def _run(name: str, words: Sequence[str]) -> int:
+    print(f"tsc-{name} {' '.join(words)}", flush=True)
+    return subprocess.run([sys.executable, "-m", f"tsc_missing.cli.{name}", *words]).returncode
+
+
+def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
+    """What is wanted."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--only", nargs="+", choices=SUITES, default=list(SUITES))
+    parser.add_argument("--runs", type=Path, default=Path("runs"), help="where the batches go")
+    parser.add_argument("--out", type=Path, help="where reports go; default: into the batches")
+    parser.add_argument("--reuse", type=Path, action="append", default=[], help="other batches")
+    parser.add_argument("--set", dest="changes", action="append", default=[], help="KEY=VALUE")
+    parser.add_argument("--workers", type=int, default=2, help="simulations at a time")
+    return parser.parse_args(given)
+
+
+def main() -> int:
+    """Run and report each suite; the exit status of the first that failed, after all were tried."""
+    wanted, status = arguments(), 0
+    for suite in wanted.only:
+        failed = _run("batch", batch_words(suite, wanted))
+        target = wanted.out / suite if wanted.out else wanted.runs / suite / "report"
+        failed = failed or _run("report", [str(wanted.runs / suite), "--out", str(target)])
+        status = status or failed
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
