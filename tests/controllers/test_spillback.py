@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -80,6 +82,27 @@ def test_an_estimate_stands_in_for_a_sensor_that_did_not_report(network):
     assert decide(network, dark, estimate=seen.values) == [2, 2]
     full = np.full_like(seen.values, 99.0)
     assert decide(network, holding(network), estimate=full) == [1, 2]  # what is seen counts
+
+
+def test_where_no_sensor_ever_reports_a_road_fills_while_it_is_red(network):
+    """An estimate of nothing, wrong for an hour, must not keep a road red until it is full."""
+    nothing = np.zeros((2, 12, 2))
+    dark = with_holes(holding(network), network.slot_mask)
+
+    def answer(red_steps, sensors):
+        inner = Scripted(np.array([1, 2]))
+        inner.estimate = nothing
+        controller = Spillback(inner, FITS - 1)
+        controller.reset(replace(context(network), sensors=sensors))
+        dark.red_steps[:] = 0
+        dark.red_steps[A, slot("E-left")] = red_steps
+        return controller.decide(dark).tolist()
+
+    everywhere, nowhere = network.slot_mask, np.zeros_like(network.slot_mask)
+    assert answer(4, nowhere) == [1, 2]
+    assert answer(5, nowhere) == [2, 2]
+    assert answer(1000, nowhere) == [2, 2]
+    assert answer(1000, everywhere) == [1, 2]
 
 
 def test_a_sensor_that_reports_no_number_did_not_report(network):

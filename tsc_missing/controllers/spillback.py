@@ -9,6 +9,8 @@ from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import Observation
 
+UNSEEN_ARRIVALS = 1 / 60  # [vehicles/s a lane] at the least, where no sensor ever reports
+
 
 class Room:
     """Which roads between the intersections of a network are filling, and what empties them.
@@ -45,7 +47,9 @@ class Spillback(Wrapper):
     """A controller that empties a road before its queue reaches back into the intersection behind.
 
     ``Room`` has the rule. Where a sensor did not report, the controller's own estimate stands in,
-    if it has one.
+    if it has one. Where none ever reports, a road is taken to have as many vehicles at the least as
+    a light flow brings during its red: an estimate that is wrong for long lets a road fill, and
+    nothing there would tell.
     """
 
     def __init__(self, controller: Controller, space: float) -> None:
@@ -55,14 +59,19 @@ class Spillback(Wrapper):
 
     def reset(self, context: ControlContext) -> None:
         """Reset the controller and take the network's roads."""
-        self._room = Room(context.network, self._space, context.spacing)
+        network = context.network
+        self._room = Room(network, self._space, context.spacing)
+        arrivals = UNSEEN_ARRIVALS * context.decision_interval * network.slot_lane_count
+        self._arrivals = np.where(context.sensors, 0.0, arrivals)  # (N, 12) in a decision step
+        self._storage = storage(network, context.spacing)
         super().reset(context)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the controller's phases but where a slot is filling."""
         phases = self.controller.decide(observation)
-        vehicles = np.nan_to_num(self.believed_vehicles(observation), posinf=0.0, neginf=0.0)
-        return self._room.kept(phases, vehicles)
+        believed = np.nan_to_num(self.believed_vehicles(observation), posinf=0.0, neginf=0.0)
+        arrived = np.minimum(self._arrivals * observation.red_steps, self._storage)
+        return self._room.kept(phases, np.maximum(believed, arrived))
 
 
 def storage(network: Network, spacing: float) -> FloatArray:
