@@ -40,6 +40,7 @@ def batch_words(suite: str, wanted: argparse.Namespace) -> list[str]:
     earlier = [wanted.runs / name for name in SUITES[: SUITES.index(suite)]]
     others = [*wanted.reuse, *(path for path in earlier if (path / PLAN).is_file())]
     words = [suite, "--out", str(out), "--skip-unavailable", "--workers", str(wanted.workers)]
+    words += ["--any-version"] if wanted.any_version else []
     words += [word for change in wanted.changes for word in ("--set", change)]
     return words + [word for path in others for word in ("--reuse", str(path))]
 
@@ -56,6 +57,7 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="where the batches go")
     parser.add_argument("--out", type=Path, help="where reports go; default: into the batches")
     parser.add_argument("--reuse", type=Path, action="append", default=[], help="other batches")
+    parser.add_argument("--any-version", action="store_true", help="take runs of other versions")
     parser.add_argument("--set", dest="changes", action="append", default=[], help="KEY=VALUE")
     parser.add_argument("--workers", type=int, default=2, help="simulations at a time")
     return parser.parse_args(given)

@@ -229,7 +229,9 @@ def test_runs_of_other_batches_are_taken(command, small_net):
         (source / "run.json").write_text(json.dumps({**record, **changed}))
         listed = command("batch", "more.toml", "--out", "d", "--reuse", "a", "--list")
         assert "to take" not in listed.stdout
-    (source / "run.json").write_text(json.dumps({**record, "versions": {"libsumo": "1.0"}}))
+    fewer = {key: value for key, value in record["settings"].items() if key != "q_weights"}
+    older = {**record, "settings": fewer, "versions": {"libsumo": "1.0"}}
+    (source / "run.json").write_text(json.dumps(older))
     listed = command("batch", *more[:2], "d", "--reuse", "a", "--any-version", "--list")
     assert f"to take   {shared}" in listed.stdout
     refused(command, "batch", "more.toml", "--reuse", "nowhere", words=["--reuse", "nowhere"])

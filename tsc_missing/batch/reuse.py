@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsc_missing.batch.folder import RUNS, read_plan, read_run, run_folder
+from tsc_missing.batch.folder import RUNS, in_both, read_plan, read_run, run_folder
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.controllers.registry import weights_of
 from tsc_missing.evaluation.run import checksums
@@ -28,16 +28,18 @@ def find_reusable(
     """The folder of another batch's run for each of ``runs`` that has been made there.
 
     It has the same settings, inputs (by checksum) and, unless ``any_version``, versions, whatever
-    its name. Raises ``UserError`` for a folder that is no batch's.
+    its name; other versions may know other settings. Raises ``UserError`` for a folder that is no
+    batch's.
     """
-    there = _by_settings(batches)
+    there = _by_scene(batches)
     known: dict[tuple[object, ...], dict[str, str]] = {}
     found = {}
     for spec in runs:
         settings = spec.settings
+        wanted = settings.model_dump(mode="json")
         key = (settings.net, settings.demand, weights_of(settings))
-        for folder, record in there.get(_words(settings.model_dump(mode="json")), ()):
-            if not any_version and record.get("versions") != versions():
+        for folder, record in there.get(_scene(wanted), ()):
+            if not _is_same(record, wanted, any_version):
                 continue
             if key not in known:
                 known[key] = checksums(settings, scenarios[spec.name])
@@ -59,16 +61,24 @@ def take(folder: Path, out: Path, name: str, decisions: bool) -> bool:
     return True
 
 
-def _by_settings(batches: Iterable[Path]) -> dict[str, list[tuple[Path, dict[str, Any]]]]:
+def _is_same(record: dict[str, Any], wanted: dict[str, Any], any_version: bool) -> bool:
+    found = record["settings"]
+    if any_version:
+        return bool(in_both(found, wanted) == in_both(wanted, found))
+    return bool(found == wanted and record.get("versions") == versions())
+
+
+def _by_scene(batches: Iterable[Path]) -> dict[str, list[tuple[Path, dict[str, Any]]]]:
     found = defaultdict(list)
     for batch in batches:
         read_plan(batch, FIELD)
         for folder in sorted((batch / RUNS).glob("[!.]*")):
             record = read_run(batch, folder.name)
-            if record is not None:
-                found[_words(record.get("settings"))].append((folder, record))
+            if record is not None and isinstance(record.get("settings"), dict):
+                found[_scene(record["settings"])].append((folder, record))
     return found
 
 
-def _words(settings: Any) -> str:
-    return json.dumps(settings, sort_keys=True)
+def _scene(settings: dict[str, Any]) -> str:
+    """What a run can be looked up by; runs of one scene may still differ."""
+    return json.dumps([settings.get(key) for key in ("net", "controller", "seed")])
