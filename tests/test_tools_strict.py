@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.mark.parametrize("pattern", RATES)
 @pytest.mark.parametrize("method", METHODS)
-def test_each_config_begins_with_the_commands(method, pattern):
+def test_each_config_begins_with_the_commands(method, pattern, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where nothing was begun that would be resumed
     text = (bundled("scenarios") / "training" / f"{method}-{pattern}.toml").read_text()
     head = "\n".join(line.removeprefix("#") for line in text.splitlines() if line.startswith("#"))
     told = [shlex.split(line) for line in head.replace("\\\n", " ").splitlines()]

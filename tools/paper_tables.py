@@ -9,11 +9,11 @@ Methods without weights are left out (docs/batches.md says what makes them).
 """
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from tools.runs import run_command
 from tsc_missing.batch.folder import PLAN
 
 SUITES = (
@@ -45,11 +45,6 @@ def batch_words(suite: str, wanted: argparse.Namespace) -> list[str]:
     return words + [word for path in others for word in ("--reuse", str(path))]
 
 
-def _run(name: str, words: Sequence[str]) -> int:
-    print(f"tsc-{name} {' '.join(words)}", flush=True)
-    return subprocess.run([sys.executable, "-m", f"tsc_missing.cli.{name}", *words]).returncode
-
-
 def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
     """What is wanted."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -67,9 +62,9 @@ def main() -> int:
     """Run and report each suite; the exit status of the first that failed, after all were tried."""
     wanted, status = arguments(), 0
     for suite in wanted.only:
-        failed = _run("batch", batch_words(suite, wanted))
+        failed = run_command("batch", batch_words(suite, wanted))
         target = wanted.out / suite if wanted.out else wanted.runs / suite / "report"
-        failed = failed or _run("report", [str(wanted.runs / suite), "--out", str(target)])
+        failed = failed or run_command("report", [str(wanted.runs / suite), "--out", str(target)])
         status = status or failed
     return status
 

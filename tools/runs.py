@@ -1,6 +1,8 @@
 """Many runs in processes of their own, for the tools that make tables."""
 
 import multiprocessing
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +13,12 @@ from tsc_missing.evaluation.run import Options, execute, prepare
 from tsc_missing.network.importing import import_cityflow
 
 HORIZON = 3600  # [s]
+
+
+def run_command(name: str, words: Sequence[str]) -> int:
+    """Print and run ``tsc-NAME`` in a process of its own; its exit status."""
+    print(f"tsc-{name} {' '.join(words)}", flush=True)
+    return subprocess.run([sys.executable, "-m", f"tsc_missing.cli.{name}", *words]).returncode
 
 
 def run_one(settings: RunSettings) -> Result:

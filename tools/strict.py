@@ -9,11 +9,11 @@ have been imported under the dataset's name (`tsc-net import`).
 """
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from tools.runs import run_command
 from tsc_missing.offline.policies import RULES
 from tsc_missing.training.checkpoint import FILE as CHECKPOINT
 from tsc_missing.weights.find import FILE as WEIGHTS
@@ -70,10 +70,8 @@ def main() -> int:
         if name == "train" and Path(train[train.index("--out") + 1], WEIGHTS).exists():
             print("the weights are there")
             break
-        print(f"tsc-{name} {' '.join(words)}", flush=True)
-        done = subprocess.run([sys.executable, "-m", f"tsc_missing.cli.{name}", *words])
-        if done.returncode:
-            return done.returncode
+        if status := run_command(name, words):
+            return status
     return 0
 
 

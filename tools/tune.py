@@ -10,7 +10,6 @@ again; stopped at any moment, the same command goes on.
 
 import argparse
 import json
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable
@@ -20,6 +19,7 @@ from statistics import mean
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
+from tools.runs import run_command
 from tsc_missing.baselines.config import SETTINGS
 from tsc_missing.baselines.weights import KIND
 from tsc_missing.paths import bundled
@@ -101,10 +101,10 @@ def train(trial: Try) -> int:
     out = trial.folder
     if (out / WEIGHTS).is_file():
         return 0
-    config = out.with_suffix(out.suffix + ".toml")
+    config = FOLDER / f"{out.name}.toml"
     config.write_text(config_text(trial), encoding="utf-8")
     resume = ["--resume"] if (out / CHECKPOINT).exists() else []
-    return _command("train", [str(config), "--out", str(out), *resume])
+    return run_command("train", [str(config), "--out", str(out), *resume])
 
 
 def suite_text(tuning: Tuning, tries: Iterable[Try]) -> str:
@@ -184,11 +184,6 @@ def report(tuning: Tuning, tries: Iterable[Try]) -> str:
     )
 
 
-def _command(name: str, words: list[str]) -> int:
-    print(f"tsc-{name} {' '.join(words)}", flush=True)
-    return subprocess.run([sys.executable, "-m", f"tsc_missing.cli.{name}", *words]).returncode
-
-
 def main() -> int:
     """Train, run, and print or write the table; the exit status of what failed, if anything."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -204,7 +199,7 @@ def main() -> int:
     suite = FOLDER / "suite.toml"
     suite.write_text(suite_text(tuning, tries), encoding="utf-8")
     words = [str(suite), "--out", str(FOLDER / "batch"), "--no-decisions"]
-    if status := _command("batch", [*words, "--workers", str(wanted.workers)]):
+    if status := run_command("batch", [*words, "--workers", str(wanted.workers)]):
         return status
     text = report(tuning, tries)
     if wanted.out is None:

@@ -28,7 +28,7 @@ class Room:
         self._space = space
         served = network.phases.any(axis=1) & ~network.free_slots
         self._fed = served & (network.neighbours >= 0).any(axis=2)
-        self._storage = storage(network, spacing)
+        self.storage = storage(network, spacing)
         self._lanes = np.maximum(network.slot_lane_count, 1)
 
     def kept(self, phases: IntArray, vehicles: FloatArray) -> IntArray:
@@ -37,9 +37,9 @@ class Room:
         That whose filling slots are fullest (the sum of ``vehicles`` (N, 12) over storage); among
         equal ones the given one, if it is one of them.
         """
-        room = (self._storage - vehicles) / self._lanes
+        room = (self.storage - vehicles) / self._lanes
         filling = self._fed & (vehicles >= 1) & (room < self._space)
-        fullness = vehicles / np.maximum(self._storage, 1.0)
+        fullness = vehicles / np.maximum(self.storage, 1.0)
         return overruled(self._network, phases, np.where(filling, fullness, 0.0))
 
 
@@ -63,14 +63,13 @@ class Spillback(Wrapper):
         self._room = Room(network, self._space, context.spacing)
         arrivals = UNSEEN_ARRIVALS * context.decision_interval * network.slot_lane_count
         self._arrivals = np.where(context.sensors, 0.0, arrivals)  # (N, 12) in a decision step
-        self._storage = storage(network, context.spacing)
         super().reset(context)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the controller's phases but where a slot is filling."""
         phases = self.controller.decide(observation)
         believed = np.nan_to_num(self.believed_vehicles(observation), posinf=0.0, neginf=0.0)
-        arrived = np.minimum(self._arrivals * observation.red_steps, self._storage)
+        arrived = np.minimum(self._arrivals * observation.red_steps, self._room.storage)
         return self._room.kept(phases, np.maximum(believed, arrived))
 
 
