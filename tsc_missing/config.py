@@ -7,6 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from tsc_missing.network.records import IntersectionRecord
 
 MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
+GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
+BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md)
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
 
 
@@ -113,9 +115,13 @@ class DiffusionSettings(Settings):
     """How the diffusion model is used, as controller or as imputer."""
 
     weights: str = "universal"  # a name or a path (see ``controllers.diffusion_weights``)
-    sampling_steps: int = Field(10, ge=1)  # reverse steps a decision
+    sampling_steps: int | None = Field(None, ge=1)  # see ``reverse_steps``
     samples: int = Field(4, ge=1)  # of what may be where nothing is seen, for scoring "value"
     scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
+
+    def reverse_steps(self, guided: bool) -> int:
+        """Reverse steps a decision: what is set, or the default of what is generated."""
+        return self.sampling_steps or (GUIDED_STEPS if guided else BELIEF_STEPS)
 
 
 class RunSettings(Settings):
@@ -126,7 +132,7 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time", "isolated", "expected-queue"] = (
+    blind: Literal["auto", "none", "fixed-time", "clustered", "expected-queue"] = (
         "auto"  # see ``controllers.registry.make_controller``
     )
     diffusion: DiffusionSettings = DiffusionSettings()

@@ -68,15 +68,35 @@ def test_estimates_pass_through(network):
     assert Blind(inner, PlainCycle(15.0)).estimates() is inner.estimate
 
 
-def test_isolated_only_where_no_neighbour_is_seen_either(network):
-    blind = Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=0, isolated=True)
+def test_clustered_only_where_a_neighbour_is_blind_too(network):
+    blind = Blind(Scripted(INNER), PlainCycle(15.0), stale_steps=0, clustered=True)
     phases = run(blind, network, [[B], [A, B], [A]])
     assert phases[:, A].tolist() == [3, 1, 3]
     assert phases[:, B].tolist() == [2, 1, 2]
 
 
-def test_isolated_is_any_blind_intersection_that_has_no_neighbours():
+def test_clustered_leaves_a_blind_intersection_that_sees_all_around_it():
+    network = grid_network(1, 4)
+    row = chain(network)
+    holes = network.slot_mask.copy()
+    holes[row[2]] = False
+    blind = Blind(Scripted(np.full(4, 3)), PlainCycle(15.0), stale_steps=0, clustered=True)
+    blind.reset(context(network))
+    phases = blind.decide(with_holes(observe(network), holes))
+    assert phases[row].tolist() == [0, 0, 3, 3]
+
+
+def chain(network):
+    """The intersections of a row from one end to the other."""
+    ends = [n for n in range(network.n) if network.adjacency[n].sum() == 1]
+    order = [ends[0]]
+    while len(order) < network.n:
+        order += [n for n in np.flatnonzero(network.adjacency[order[-1]]) if n not in order]
+    return order
+
+
+def test_clustered_is_any_blind_intersection_that_has_no_neighbours():
     network = grid_network(1, 1)
-    blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), isolated=True)
+    blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), clustered=True)
     blind.reset(context(network, sensors=~network.slot_mask))
     assert blind.decide(observe(network)).tolist() == [0]

@@ -19,10 +19,14 @@ from tests.controllers.planning import (
     taken,
 )
 from tests.networks import context_for, grid_network, tee_network
+from tsc_missing.config import RunSettings
+from tsc_missing.controllers import planner
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.difflight import DiffLight, best_finite, taken_as_seen
 from tsc_missing.controllers.fallback import Safe
+from tsc_missing.controllers.planner import Planner
 from tsc_missing.controllers.recent import RecentSteps
+from tsc_missing.controllers.registry import controller_of
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.networks import PhaseValue
@@ -260,6 +264,36 @@ def test_the_memory_holds_the_last_steps_and_nothing_from_before_the_first():
             np.testing.assert_array_equal(recent.known[:, -1 - age], past.mask)
             np.testing.assert_array_equal(recent.red_steps[:, -1 - age], past.red_steps)
             np.testing.assert_array_equal(recent.green[:, -1 - age], past.red_steps == 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [
+        ({}, 3),
+        ({"diffusion": {"scoring": "queue"}}, 3),
+        ({"diffusion": {"scoring": "inverse"}}, 10),
+        ({"diffusion": {"scoring": "mixed"}}, 10),
+        ({"diffusion": {"scoring": "mixed", "sampling_steps": 4}}, 4),
+        ({"diffusion": {"sampling_steps": 10}}, 10),
+        ({"controller": "max-queue", "imputer": "diffusion"}, 3),
+        ({"controller": "difflight-paper"}, 10),
+    ],
+)
+def test_few_reverse_steps_unless_rewards_guide_the_plan(options, steps, monkeypatch):
+    made = []
+
+    class Watched(Planner):
+        def __init__(self, weights, sampling_steps, *further, **named):
+            made.append(sampling_steps)
+            super().__init__(weights, sampling_steps, *further, **named)
+
+    monkeypatch.setattr(planner, "Planner", Watched)
+    published = options.get("controller") == "difflight-paper"
+    if published:
+        monkeypatch.setattr(DiffLight, "is_published", True)
+        options = {**options, "diffusion": {"weights": "strict-jinan_1-random"}}
+    controller_of(RunSettings(**options))
+    assert made == [steps]
 
 
 def test_more_sampling_steps_than_the_model_has(weights):

@@ -10,7 +10,7 @@ import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
 from tsc_missing.cli.options import make_settings, missing_rate
-from tsc_missing.config import MIN_SPACE, RunSettings
+from tsc_missing.config import BELIEF_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -45,7 +45,11 @@ def run(
         str, typer.Option(help="Diffusion: a name of packaged weights, or a path.")
     ] = DEFAULT.diffusion.weights,
     sampling_steps: Annotated[
-        int, typer.Option(help="Diffusion: reverse steps a decision.")
+        int | None,
+        typer.Option(
+            help="Diffusion: reverse steps a decision.",
+            show_default=f"{BELIEF_STEPS}; {GUIDED_STEPS} where rewards guide the plan",
+        ),
     ] = DEFAULT.diffusion.sampling_steps,
     samples: Annotated[
         int,

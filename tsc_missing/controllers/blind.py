@@ -14,8 +14,9 @@ class Blind(Wrapper):
     """A controller that leaves intersections without information to a fixed cycle.
 
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
-    than ``stale_steps`` steps; where ``isolated``, it is left to the cycle only if all adjacent
-    intersections are blind too, so that nothing tells what may be there. The cycle is asked at
+    than ``stale_steps`` steps; where ``clustered``, it is left to the cycle only if one of its
+    adjacent intersections is blind too, or it has none: else all around it tells what may be there.
+    The cycle is asked at
     every step and keeps its own time, so that an outage enters the plan where it stands (plans of
     neighbours stay coordinated) and never begins it anew; the inner controller is asked at every
     step too, so that its memory is unbroken when sensors come back.
@@ -26,12 +27,12 @@ class Blind(Wrapper):
         controller: Controller,
         cycle: Controller,
         stale_steps: int = STALE_STEPS,
-        isolated: bool = False,
+        clustered: bool = False,
     ) -> None:
         """``cycle`` decides at blind intersections; it must not need values."""
         super().__init__(controller)
         self.cycle = cycle
-        self._isolated = isolated
+        self._clustered = clustered
         self._stale_steps = stale_steps
 
     def reset(self, context: ControlContext) -> None:
@@ -48,6 +49,7 @@ class Blind(Wrapper):
         seen = (observation.mask & self._slots).any(axis=1)
         self._silent = np.where(seen, 0, self._silent + 1)
         blind = ~self._equipped | (self._silent > self._stale_steps)
-        if self._isolated:
-            blind &= ~(self._adjacent & ~blind).any(axis=1)
+        if self._clustered:
+            alone = ~self._adjacent.any(axis=1)
+            blind &= alone | (self._adjacent & blind).any(axis=1)
         return np.where(blind, self.cycle.decide(observation), self.controller.decide(observation))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from tsc_missing.config import GUIDED_STEPS
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
@@ -40,7 +41,7 @@ class DiffLight(Controller):
     def __init__(
         self,
         weights: Path,
-        sampling_steps: int = 10,
+        sampling_steps: int = GUIDED_STEPS,
         scoring: Scoring = "inverse",
         q_weights: Path | None = None,
         samples: int = 1,
@@ -51,9 +52,8 @@ class DiffLight(Controller):
         value over ``samples`` of what may be where nothing is known. Raises ``UserError`` for
         weights that cannot be used.
         """
-        guided = scoring in ("inverse", "mixed")  # else the present is wanted as it is believed
         self._planner = load_planner(
-            weights, sampling_steps, guided, samples if scoring == "value" else 1
+            weights, sampling_steps, is_guided(scoring), samples if scoring == "value" else 1
         )
         self._scoring = scoring
         self._q = None if q_weights is None else load_q(q_weights)
@@ -103,6 +103,11 @@ class DiffLight(Controller):
             return np.asarray(np.mean(values, axis=0))
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
+
+
+def is_guided(scoring: Scoring) -> bool:
+    """Whether plans are guided by rewards; else the present is wanted as it is believed."""
+    return scoring in ("inverse", "mixed")
 
 
 def taken_as_seen(known: BoolArray, slots: BoolArray) -> BoolArray:

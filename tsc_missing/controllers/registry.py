@@ -9,7 +9,7 @@ from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
 from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
-from tsc_missing.controllers.difflight import DiffLight
+from tsc_missing.controllers.difflight import DiffLight, is_guided
 from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion_of
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
@@ -57,11 +57,13 @@ LEARNED = ("advanced-colight", "attendlight", "efficient-colight")
 VALUE = "value"  # a Q-network that is a behaviour policy, and what lookahead improves
 LOOKAHEAD = "lookahead"  # the weights of the scoring "value"
 
+LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
+
 BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
-    "isolated": lambda controller: Blind(controller, FixedTime(), isolated=True),
+    "clustered": lambda controller: Blind(controller, FixedTime(), LONG_SILENCE, clustered=True),
 }
 
 
@@ -120,7 +122,8 @@ def make_controller(
     fixed plans are left as they are.
     The rule "auto" is the fixed cycle; but none with the diffusion imputer, which knows what its
     values at blind intersections come from, and for ``difflight-paper``; and for ``difflight`` by
-    values the fixed cycle only where no adjacent intersection is seen either.
+    values the fixed cycle only where two adjacent intersections are blind, without a sensor or for
+    ``LONG_SILENCE``.
     ``q_weights`` are those of a learned policy, a name or a path; "auto" are packaged ones, of
     baselines those for the network ``net``. Raises ``UserError`` for names that are unknown and
     for weights that cannot be used.
@@ -189,7 +192,7 @@ def make_policy(name: str) -> Controller:
 def _blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     """What "auto" is."""
     if by_value(name, diffusion):
-        return "isolated"
+        return "clustered"
     generates = name == DIFFLIGHT_PAPER or (imputer == DIFFUSION and name != DIFFLIGHT)
     return "none" if generates else "fixed-time"
 
@@ -198,7 +201,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
     values = LOOKAHEAD if q_weights == "auto" else q_weights
     return DiffLight(
         find_weights(settings.weights),
-        settings.sampling_steps,
+        settings.reverse_steps(guided=is_guided(settings.scoring)),
         settings.scoring,
         find_weights(values) if by_value(DIFFLIGHT, settings) else None,
         settings.samples,
@@ -208,7 +211,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
 def _published(settings: DiffusionSettings) -> Controller:
     """The method as its paper has it: the inverse dynamics decides, everywhere."""
     path = find_weights(settings.weights)
-    controller = DiffLight(path, settings.sampling_steps, "inverse")
+    controller = DiffLight(path, settings.reverse_steps(guided=True), "inverse")
     if not controller.is_published:
         raise UserError(
             "weights",

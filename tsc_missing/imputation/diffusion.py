@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tsc_missing.config import BELIEF_STEPS
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.controllers.difflight import load_planner
 from tsc_missing.controllers.recent import reported
@@ -21,7 +22,7 @@ class DiffusionImputer(Imputer):
     report.
     """
 
-    def __init__(self, weights: Path, sampling_steps: int = 10) -> None:
+    def __init__(self, weights: Path, sampling_steps: int = BELIEF_STEPS) -> None:
         """Load the weights; ``sampling_steps`` reverse steps a decision.
 
         Raises ``UserError`` for weights that cannot be used.

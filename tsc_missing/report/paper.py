@@ -125,7 +125,7 @@ def _common(results: Results, dataset: str) -> float | None:
 
 
 def paper_time_table(results: Results) -> list[str]:
-    """Decision times by sampling steps, as multiples of those of the fewest steps."""
+    """Decision times by sampling steps, as multiples of those of the fewest that the paper has."""
     tables = tuple(t for plan in results.plans for t in plan.suite.paper if t.endswith(TIMES))
     found: dict[tuple[str, str], dict[int, tuple[float | None, float]]] = {}
     for cell, runs in results.by_cell.items():
@@ -133,12 +133,13 @@ def paper_time_table(results: Results) -> list[str]:
         theirs = find_number(tables, run.row["scenario"], run.spec)
         values = results.values(cell.dataset, cell.case, cell.method, "decision_ms_median")
         ours = mean_of(list(values.values()))
-        if ours is not None and tables and run.spec.paper is not None:
-            steps = run.spec.settings.diffusion.sampling_steps
+        steps = run.spec.settings.diffusion.sampling_steps
+        if ours is not None and tables and run.spec.paper is not None and steps is not None:
             found.setdefault((cell.dataset, cell.case), {})[steps] = (theirs, ours.value)
     rows = []
     for (dataset, case), by_steps in found.items():
-        first, least = by_steps[min(by_steps)]
+        shared = [steps for steps, (theirs, _) in by_steps.items() if theirs is not None]
+        first, least = by_steps[min(shared or by_steps)]
         for steps, (theirs, milliseconds) in sorted(by_steps.items()):
             paper = f"{theirs / first:.2f}" if theirs and first else NOTHING
             numbers = [str(steps), f"{milliseconds:.1f}", paper, f"{milliseconds / least:.2f}"]
