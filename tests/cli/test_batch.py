@@ -185,12 +185,17 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     refused(command, "batch", "small.toml", "--out", "b", "--list", words=["other versions"])
     path.write_text(json.dumps({**record, "versions": {**record["versions"], "libsumo": "1.0"}}))
     refused(command, "batch", "small.toml", "--out", "b", words=words)
+    path.write_text(json.dumps({**record, "versions": {**record["versions"], "source": "1.0"}}))
+    refused(command, "batch", "small.toml", "--out", "b", words=["versions", "source was 1.0"])
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
     unknown = {**record["settings"], "signals": {"yellow": 5}}  # to a version without the others
     path.write_text(json.dumps({**record, "settings": unknown, "versions": {"libsumo": "1.0"}}))
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
+    wanted = ("--set", "signals.min_space=9")  # that version knew no such setting
+    words = ["other settings", "signals.min_space was None, is 9"]
+    refused(command, "batch", "small.toml", "--out", "b", *wanted, "--any-version", words=words)
     other = {**record["settings"], "signals": {"yellow": 4}}
     path.write_text(json.dumps({**record, "settings": other, "versions": {"libsumo": "1.0"}}))
     words = ["other settings", "signals.yellow was 4, is 5"]

@@ -2,6 +2,7 @@
 
 import base64
 import html.parser
+import json
 import re
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from tests.report.cases import make_batch
 from tsc_missing.batch.table import write_table
+from tsc_missing.errors import UserError
 from tsc_missing.report.figures import _generalisation
 from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.markdown import escaped, mean_words, signed
@@ -270,3 +272,18 @@ def test_a_table_of_nothing_finished(tmp_path):
     write_table(out)
     with pytest.raises(Exception, match="no run in it is finished"):
         read_results([out])
+
+
+def test_runs_of_other_demands_are_not_compared(tmp_path):
+    folder = make_batch(tmp_path / "b", tmp_path)
+    path = folder / "runs" / "jinan_1-random-0.5-max-queue-seed1" / "run.json"
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "demand": "recorded"}))
+    with pytest.raises(
+        UserError, match=r"seed1 cannot be compared: demand is recorded; .* profile;"
+    ):
+        read_results([folder])
+    path.write_text(json.dumps(record))
+    (path.parent / "mask.npz").write_bytes(b"another")
+    with pytest.raises(UserError, match="seed1 cannot be compared: mask is"):
+        read_results([folder])

@@ -13,9 +13,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from tsc_missing.batch.keys import is_group
 from tsc_missing.batch.suite import RunSpec, Suite
+from tsc_missing.config import RunSettings
 from tsc_missing.controllers.registry import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import checksums
@@ -132,8 +134,8 @@ def finished_runs(
         settings = spec.settings
         wanted = settings.model_dump(mode="json")
         found = record.get("settings")
-        if any_version:  # other versions may know other settings
-            found, wanted = in_both(found, wanted), in_both(wanted, found)
+        if any_version:
+            found = known_settings(found)
         _same("settings", found, wanted, out, spec.name)
         key = (settings.net, settings.demand, weights_of(settings))
         if key not in known:
@@ -171,11 +173,30 @@ def first_difference(found: Any, wanted: Any, at: str = "") -> tuple[str, Any, A
     return None if found == wanted else (at, found, wanted)
 
 
-def in_both(one: Any, other: Any) -> Any:
-    """``one`` without what ``other`` has no key for, in nested tables too."""
-    if not isinstance(one, dict) or not isinstance(other, dict):
-        return one
-    return {key: in_both(value, other[key]) for key, value in one.items() if key in other}
+def known_settings(found: Any) -> Any:
+    """Settings that another version wrote, as this one would: what it did not know by default.
+
+    What this version does not know is left out. Returned as they are where a value is none that
+    this version allows.
+    """
+    try:
+        settings = RunSettings.model_validate(_known(found, RunSettings))
+    except ValidationError:
+        return found
+    return settings.model_dump(mode="json")
+
+
+def _known(found: Any, model: type[BaseModel]) -> Any:
+    """``found`` without what ``model`` has no field for, in its groups too."""
+    if not isinstance(found, dict):
+        return found
+    kinds = {name: field.annotation for name, field in model.model_fields.items()}
+    groups = {name: kind for name, kind in kinds.items() if is_group(kind)}
+    return {
+        name: _known(value, groups[name]) if name in groups else value
+        for name, value in found.items()
+        if name in kinds
+    }
 
 
 def clear_leftovers(out: Path, name: str | None = None) -> None:

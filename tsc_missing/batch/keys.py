@@ -1,7 +1,7 @@
 """The keys of a suite: settings of a run by their dotted paths."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 from pydantic import BaseModel
 
@@ -10,11 +10,16 @@ from tsc_missing.config import RunSettings
 Path = tuple[str, ...]  # of a setting, as ("missing", "rate")
 
 
+def is_group(kind: object) -> TypeGuard[type[BaseModel]]:
+    """Whether a field of this annotation is a group of settings."""
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
 def _paths(model: type[BaseModel]) -> Iterator[Path]:
     for name, field in model.model_fields.items():
         yield (name,)
         kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
+        if is_group(kind):
             yield from ((name, *rest) for rest in _paths(kind))
 
 

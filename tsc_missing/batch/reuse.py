@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tsc_missing.batch.folder import RUNS, in_both, read_plan, read_run, run_folder
+from tsc_missing.batch.folder import RUNS, known_settings, read_plan, read_run, run_folder
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.controllers.registry import weights_of
 from tsc_missing.evaluation.run import checksums
@@ -64,7 +64,7 @@ def take(folder: Path, out: Path, name: str, decisions: bool) -> bool:
 def _is_same(record: dict[str, Any], wanted: dict[str, Any], any_version: bool) -> bool:
     found = record["settings"]
     if any_version:
-        return bool(in_both(found, wanted) == in_both(wanted, found))
+        return bool(known_settings(found) == wanted)
     return bool(found == wanted and record.get("versions") == versions())
 
 

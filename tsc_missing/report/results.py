@@ -12,6 +12,7 @@ from tsc_missing.batch.suite import RunSpec
 from tsc_missing.batch.table import FINISHED, Row, read_rows
 from tsc_missing.controllers.registry import NATIVE, uses_weights
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.run_folder import MASK
 
 FIELD = "results"
 NOTHING_MISSING = "none"  # the case
@@ -116,7 +117,8 @@ def read_results(folders: Sequence[Path]) -> Results:
     """The results of batches, read from their run folders.
 
     ``UserError`` for what is no batch's folder, has no finished run, or where two of them have a
-    run of one dataset, case, method and seed.
+    run of one dataset, case, method and seed, or where runs that are compared with each other had
+    another demand, horizon, vehicle type or mask.
     """
     plans, runs = [], []
     for folder in folders:
@@ -128,7 +130,36 @@ def read_results(folders: Sequence[Path]) -> Results:
     if not results.finished:
         raise UserError(FIELD, folders[0], "no run in it is finished")
     _check_one_of_each(results)
+    _check_same_scenes(results)
     return results
+
+
+def _check_same_scenes(results: Results) -> None:
+    """Runs of a dataset, case and seed are compared with each other."""
+    first: dict[tuple[str, str, int], Run] = {}
+    for run in results.finished:
+        one = first.setdefault((run.spec.dataset, run.spec.case, run.spec.settings.seed), run)
+        for name, there in _scene(run).items():
+            here = _scene(one)[name]
+            if None not in (here, there) and here != there:
+                raise UserError(
+                    FIELD,
+                    run.folder,
+                    f"that of {one.folder} is {here}; give them reports of their own",
+                    verdict=f"cannot be compared: {name} is {there}",
+                )
+
+
+def _scene(run: Run) -> dict[str, object]:
+    """What the runs that are compared with each other have in common."""
+    settings = run.spec.settings
+    return {
+        "demand": run.row["demand_kind"],
+        "volume": settings.volume,
+        "horizon": settings.horizon,
+        "vehicle": settings.vehicle.model_dump(),
+        "mask": run.row[f"{MASK}_sha256"],  # none of SUMO's own programs
+    }
 
 
 def _check_one_of_each(results: Results) -> None:
