@@ -130,4 +130,6 @@ def settings_class(algorithm: Any) -> type[BaselineSettings] | None:
 
 def train_command(controller: str, net: str) -> str:
     """What makes the weights of a baseline for a dataset's network."""
-    return f"tsc-train {controller} --data data/{net}"
+    with_holes = SETTINGS[controller] is CQLModelBasedSettings
+    log = f"strict-{net}-random" if with_holes else net
+    return f"tsc-train {controller} --data data/{log}"

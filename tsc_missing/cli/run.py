@@ -39,7 +39,10 @@ def run(
     ] = DEFAULT.imputer,
     blind: Annotated[
         str,
-        typer.Option(help="What runs at intersections without a sensor: auto, fixed-time, none."),
+        typer.Option(
+            help="What runs at intersections without a sensor: auto, fixed-time, clustered, "
+            "expected-queue or none."
+        ),
     ] = DEFAULT.blind,
     weights: Annotated[
         str, typer.Option(help="Diffusion: a name of packaged weights, or a path.")
