@@ -18,7 +18,7 @@ from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.weights.file import read_tensors
 
-from tests.controllers.planning import save_tiny  # isort: skip
+from tests.controllers.planning import save_broken, save_tiny  # isort: skip
 from tests.networks import grid_network, tee_network  # isort: skip
 
 
@@ -101,6 +101,9 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
     assert about["gained"]["learned"].keys() == {"observed", "believed"}
     with pytest.raises(UserError, match="knows of missing data"):
         LookaheadTraining(settings(small_net, tmp_path, base=str(whole)), tmp_path / "next")
+    save_broken(tmp_path / "fill.safetensors")
+    with pytest.raises(UserError, match=r"resume: .*broken .*fill has changed"):
+        LookaheadTraining(plan, tmp_path / "broken", resume=True)
     again = with_holes(small_net, tmp_path, base=str(whole))
     assert LookaheadTraining(again, tmp_path / "next").run(1).is_file()
 

@@ -95,6 +95,10 @@ def test_what_can_be_wrong(small_net, tmp_path):
     QTraining(plan, tmp_path / "t").run(1)
     with pytest.raises(UserError, match="was begun with"):
         QTraining(settings(small_net, rounds=1, discount=0.5), tmp_path / "t", resume=True)
+    inputs = tmp_path / "t" / "inputs.json"
+    inputs.write_text(inputs.read_text().replace('/net.net.xml": "', '/net.net.xml": "0'))
+    with pytest.raises(UserError, match=r"net\.net\.xml has changed since it was begun"):
+        QTraining(plan, tmp_path / "t", resume=True)
     with pytest.raises(ValueError, match="need data"):
         settings(small_net, before=3)
     assert RunSettings().steps == 240

@@ -11,7 +11,7 @@ import torch
 from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_new_training, replace_file
+from tsc_missing.files import check_new_training, replace_file, sha256
 from tsc_missing.lookahead.believed import read_beliefs, write_beliefs
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
 from tsc_missing.lookahead.episode import play_episode, read_played
@@ -23,6 +23,7 @@ from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import FILE, find_weights
+from tsc_missing.weights.inputs import check_inputs, of_scenarios, write_inputs
 
 BELIEFS = "beliefs"
 RENEW = 16  # episodes of a process, which then ends with the memory that SUMO has lost
@@ -60,10 +61,10 @@ class LookaheadTraining:
             words = f"the base looks back {base.history} and knows of missing data: so must this"
             raise UserError("history", settings.history, words)
         self._start = base
-        if settings.masked:
-            find_weights(settings.fill)
+        self._inputs = self._read_inputs()
         if resume:
             self._check_same()
+            check_inputs(folder, self._inputs)
         else:
             check_new_training(folder)
         self.there = settings.episodes - len(self._own.missing)
@@ -77,6 +78,7 @@ class LookaheadTraining:
             (self.folder / BELIEFS).mkdir(exist_ok=True)
             plan = json.dumps(self.settings.model_dump(mode="json"), indent=1)
             replace_file(self.folder / SETTINGS, plan.encode())
+            write_inputs(self.folder, self._inputs)
         except OSError as error:
             words = f"cannot be written ({error.strerror})"
             raise UserError("out", self.folder, words) from error
@@ -94,6 +96,17 @@ class LookaheadTraining:
             return self._learn(tell, stop)
         except _StoppedError:
             return None
+
+    def _read_inputs(self) -> dict[str, str]:
+        """All files that the result depends on, episodes of other trainings too, by checksum."""
+        own = {net: scenario.checksums() for net, scenario in self._scenarios.items()}
+        found = of_scenarios(own) | {"base": str(self._base["checksum"])}
+        if self.settings.masked:
+            found["fill"] = sha256(find_weights(self.settings.fill))
+        for source in self._sources[1:]:
+            paths = [source.path(number) for number in range(source.settings.episodes)]
+            found |= {str(path): sha256(path) for path in paths}
+        return found
 
     def _check_same(self) -> None:
         before = read_settings(self.folder, "resume").model_dump(mode="json")

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from tsc_missing.config import RunSettings
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_new_training
+from tsc_missing.files import check_new_training, sha256
 from tsc_missing.offline.dataset import read_dataset
 from tsc_missing.offline.episode import play
 from tsc_missing.offline.log import EpisodeLog, read_log, write_log
@@ -29,6 +29,7 @@ from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import VEHICLES
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import FILE, find_weights
+from tsc_missing.weights.inputs import check_inputs, of_scenarios, write_inputs
 
 EPISODES = "episodes"
 RENEW = 16  # rounds after which processes are new, with the memory that SUMO has lost
@@ -99,7 +100,13 @@ class QTraining:
         self._own = Replay(networks, settings, settings.memory)
         self._given = Replay(networks, settings, 10**6)
         self.round = 0
+        self._inputs = of_scenarios(self._sources)
+        if self._data is not None:
+            self._inputs["data"] = self._data.checksum
+        if settings.start is not None:
+            self._inputs["start"] = sha256(find_weights(settings.start))
         if resume:
+            check_inputs(folder, self._inputs)
             self.round = load_learner(folder, settings, self.learner)
         else:
             check_new_training(folder)
@@ -109,6 +116,7 @@ class QTraining:
     ) -> Path | None:
         """Learn to the last round; returns the weights' file, or None where ``stop`` was true."""
         (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
+        write_inputs(self.folder, self._inputs)
         self._load()
         if self.round == 0 and self.learner.done == 0:
             self._learn(self.settings.before, "before")
