@@ -138,15 +138,6 @@ class Network:
         )
 
     @cached_property
-    def slot_road(self) -> tuple[tuple[str | None, ...], ...]:
-        """The road that each slot's lanes lie on (the first by name where there are several)."""
-        lanes = self.record.lanes
-        return tuple(
-            tuple(min((lanes[lane].road for lane in slot), default=None) for slot in slots)
-            for slots in self.slot_lanes
-        )
-
-    @cached_property
     def neighbours(self) -> IntArray:
         """(N, 12, 3): flat upstream slots whose movements feed the slot's road, -1 for none."""
         index = {name: n for n, name in enumerate(self.ids)}
