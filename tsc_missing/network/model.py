@@ -137,6 +137,15 @@ class Network:
             ]
         )
 
+    def first_red_steps(self) -> IntArray:
+        """(N, 12): decision steps since a slot had green, before any: 0 of free slots, else 1."""
+        return np.where(self.free_slots, 0, 1).astype(np.int64)
+
+    def next_red_steps(self, red_steps: IntArray, phases: IntArray) -> IntArray:
+        """(N, 12): those at the end of a step in which ``phases`` (N,) ran."""
+        green = self.phases[np.arange(self.n), phases] | self.free_slots
+        return np.where(green, 0, red_steps + 1)
+
     @cached_property
     def neighbours(self) -> IntArray:
         """(N, 12, 3): flat upstream slots whose movements feed the slot's road, -1 for none."""

@@ -64,15 +64,13 @@ def red_steps_of(network: Network, phase: IntArray) -> IntArray:
     """(T, N, 12): at the start of each step, the steps since a slot last had green.
 
     ``phase`` (T, N) is what ran in each step. Before the first step only free slots were green,
-    and the others count as red for one step (as ``simulation.signals`` counts).
+    and the others count as red for one step.
     """
-    red = np.where(network.free_slots, 0, 1).astype(np.int64)
+    red = network.first_red_steps()
     rows = []
-    everyone = np.arange(network.n)
     for running in phase:
         rows.append(red)
-        green = network.phases[everyone, running] | network.free_slots
-        red = np.where(green, 0, red + 1)
+        red = network.next_red_steps(red, running)
     return np.array(rows, dtype=np.int64).reshape(*phase.shape, N_SLOTS)
 
 
