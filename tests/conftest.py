@@ -1,10 +1,12 @@
 """Settings of all tests, and the small imported network that several of them run."""
 
+import importlib.util
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,17 @@ def small_net(small_files, tmp_path_factory) -> Path:
     target = tmp_path_factory.mktemp("networks") / "small"
     import_cityflow(*small_files, target, "small", 600)
     return target
+
+
+@pytest.fixture(scope="module")
+def weights_read_once() -> Iterator[None]:
+    """Weights of Q-networks that a module's tests share: reading them takes longer than using."""
+    with pytest.MonkeyPatch.context() as patch:
+        if importlib.util.find_spec("torch") is not None:
+            from tsc_missing.qlearning import controller
+
+            patch.setattr(controller, "load_q_network", cache(controller.load_q_network))
+        yield
 
 
 @pytest.fixture

@@ -3,20 +3,28 @@
     python -m tools.resco --out docs/results/resco.md
 
 The networks ship in PyPI's ``sumo-rl``. ``as-built`` is the program that came with each network.
-A finished run is kept in ``--keep FOLDER`` and not run again.
+A finished run is kept in ``--keep FOLDER`` with what it was made of, and not run again unless that
+is another one now: its settings, files (network, demand, weights) or versions.
 """
 
 import argparse
 import importlib.util
 import json
+import shlex
+import shutil
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from tools.runs import run_all
 from tsc_missing.config import DiffusionSettings, MissingSettings, RunSettings
 from tsc_missing.evaluation.metrics import Result
-from tsc_missing.network.folder import Manifest, read_folder
+from tsc_missing.evaluation.run import checksums
+from tsc_missing.evaluation.scenario import find_scenario
+from tsc_missing.files import replace_file
+from tsc_missing.network.folder import Manifest, builder_versions, read_folder
 from tsc_missing.network.importing_sumo import SumoImport, import_sumo
 from tsc_missing.versions import versions
 
@@ -49,8 +57,10 @@ def resco_folder() -> Path | None:
 
 
 def import_network(name: str, source: Path, scratch: Path) -> Path:
-    """Import a network with its demand, once."""
+    """Import a network with its demand, once with these versions."""
     folder = scratch / name
+    if folder.exists() and read_folder(folder, name).manifest.versions != builder_versions():
+        shutil.rmtree(folder)
     if not folder.exists():
         import_sumo(SumoImport(source / name / f"{name}.sumocfg"), folder, name)
     return folder
@@ -81,24 +91,49 @@ def settings_for(folder: Path, row: tuple[str, str], weights: str) -> RunSetting
 def run_cells(
     cells: Sequence[tuple[str, tuple[str, str], RunSettings]], keep: Path, workers: int
 ) -> dict[tuple[str, str, str], Result]:
-    """All results; each is written to ``keep`` as it ends, and read from there if it is there."""
+    """All results; each is written to ``keep`` as it ends.
+
+    One that is there is read, if it was made of what it would be made of now, and else replaced.
+    """
     results = {}
     for start in range(0, len(cells), workers):
-        part = cells[start : start + workers]
-        missing = [cell for cell in part if not _kept(keep, cell).is_file()]
-        for cell, result in zip(missing, run_all([c[2] for c in missing], workers), strict=True):
-            temporary = _kept(keep, cell).with_suffix(".part")
-            temporary.write_text(result.model_dump_json(), encoding="utf-8")
-            temporary.replace(_kept(keep, cell))
-        for name, row, settings in part:
-            text = _kept(keep, (name, row, settings)).read_text(encoding="utf-8")
-            results[name, *row] = Result.model_validate(json.loads(text))
+        missing = []
+        for name, row, settings in cells[start : start + workers]:
+            path, made_of = _kept(keep, name, row), ingredients(settings)
+            if (result := _read(path, made_of)) is None:
+                missing.append((name, row, settings))
+            else:
+                results[name, *row] = result
+        done = run_all([settings for _, _, settings in missing], workers) if missing else []
+        for (name, row, settings), result in zip(missing, done, strict=True):
+            content = {**ingredients(settings), "result": result.model_dump(mode="json")}
+            replace_file(_kept(keep, name, row), json.dumps(content, indent=1).encode())
+            results[name, *row] = result
     return results
 
 
-def _kept(keep: Path, cell: tuple[str, tuple[str, str], RunSettings]) -> Path:
-    name, (case, controller), _ = cell
+def ingredients(settings: RunSettings) -> dict[str, Any]:
+    """What a result depends on, as JSON values: settings, the files that are read, versions."""
+    scenario = find_scenario(settings.net, settings.demand)
+    return {
+        "settings": settings.model_dump(mode="json", exclude={"net"}),  # a path; see the checksums
+        "checksums": checksums(settings, scenario),
+        "versions": versions(),
+    }
+
+
+def _kept(keep: Path, name: str, row: tuple[str, str]) -> Path:
+    case, controller = row
     return keep / f"{name}-{controller}-{case.replace(' ', '').replace('%', '')}.json"
+
+
+def _read(path: Path, made_of: dict[str, Any]) -> Result | None:
+    """The result of a file, if it is there and was made of that."""
+    if not path.is_file():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    found = content.pop("result", None)
+    return Result.model_validate(found) if content == made_of else None
 
 
 def table(
@@ -141,6 +176,20 @@ def scenario_lines(manifests: dict[str, Manifest]) -> list[str]:
     ]
 
 
+def head(arguments: Sequence[str]) -> list[str]:
+    """Markdown: what the table is, and the ``arguments`` of the command that made it."""
+    return [
+        "# RESCO networks",
+        "",
+        f"Made by `{shlex.join(['python', '-m', 'tools.resco', *arguments])}` with SUMO "
+        f"{versions()['libsumo']}: each network with its own demand, vehicle types and times, seed "
+        "0, `att_all` in s (waiting to enter included); what teleported, collided or never entered "
+        "stands in brackets. `as-built` is the program that came with the network, and with "
+        "`fixed-time`, which is timed for the very demand, needs no sensors. One run a cell.",
+        "",
+    ]
+
+
 def main() -> None:
     """Import and run everything, and print or write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -166,17 +215,7 @@ def main() -> None:
         ]
         results = run_cells(cells, keep, options.workers)
         manifests = {name: read_folder(folder, name).manifest for name, folder in folders.items()}
-    head = [
-        "# RESCO networks",
-        "",
-        f"Made by `python -m tools.resco --out docs/results/resco.md` with SUMO "
-        f"{versions()['libsumo']}: each network with its own demand, vehicle types and times, seed "
-        "0, `att_all` in s (waiting to enter included); what teleported, collided or never entered "
-        "stands in brackets. `as-built` is the program that came with the network, and with "
-        "`fixed-time`, which is timed for the very demand, needs no sensors. One run a cell.",
-        "",
-    ]
-    text = "\n".join([*head, *table(options.networks, wanted, results), ""])
+    text = "\n".join([*head(sys.argv[1:]), *table(options.networks, wanted, results), ""])
     text += "\n".join(["", *scenario_lines(manifests), ""])
     if options.out is None:
         print(text)

@@ -21,14 +21,18 @@ from pydantic import BaseModel, ConfigDict
 
 from tools.runs import run_command
 from tsc_missing.baselines.config import SETTINGS
-from tsc_missing.baselines.weights import KIND
+from tsc_missing.baselines.weights import KIND, load_policy
+from tsc_missing.errors import UserError
+from tsc_missing.offline.dataset import read_dataset
 from tsc_missing.paths import bundled
 from tsc_missing.training.checkpoint import FILE as CHECKPOINT
+from tsc_missing.training.config import RESUMABLE
 from tsc_missing.versions import versions
 from tsc_missing.weights.file import read_tensors
 from tsc_missing.weights.find import FILE as WEIGHTS
 
 FOLDER = Path("runs/tune")
+REFUSED = 2  # the exit status
 CASES = ("none", "random 50 %")  # blind intersections break them all, so these would be noise
 
 
@@ -96,10 +100,29 @@ def config_text(trial: Try) -> str:
     return "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
 
 
+def check_made(trial: Try) -> None:
+    """Raise ``UserError`` if the weights that are there came of other settings or another log."""
+    path = trial.folder / WEIGHTS
+    _, made, manifest = load_policy(path)
+    wanted = SETTINGS[trial.algorithm].model_validate(tomllib.loads(config_text(trial)))
+    allowed = "remove them, and they are made again"
+    for name in sorted(type(wanted).model_fields.keys() - RESUMABLE):
+        was, now = getattr(made, name, None), getattr(wanted, name)
+        if was != now:
+            raise UserError("weights", path, allowed, f"were made with {name} {was}, not {now}")
+    log = Path(trial.data)
+    if log.is_dir() and read_dataset(log).checksum != manifest["data"]["checksum"]:
+        raise UserError("weights", path, allowed, f"were made of other logs than {log} has now")
+
+
 def train(trial: Try) -> int:
-    """Train one setting, unless it is there; the exit status."""
+    """Train one setting, unless it is there; the exit status.
+
+    Raises ``UserError`` where what is there is not what this would make.
+    """
     out = trial.folder
     if (out / WEIGHTS).is_file():
+        check_made(trial)
         return 0
     config = FOLDER / f"{out.name}.toml"
     config.write_text(config_text(trial), encoding="utf-8")
@@ -194,7 +217,12 @@ def main() -> int:
     tuning, tries = read_tuning(wanted.only)
     FOLDER.mkdir(parents=True, exist_ok=True)
     for trial in tries:
-        if status := train(trial):
+        try:
+            status = train(trial)
+        except UserError as error:
+            print(f"tools.tune: {error}", file=sys.stderr)
+            return REFUSED
+        if status:
             return status
     suite = FOLDER / "suite.toml"
     suite.write_text(suite_text(tuning, tries), encoding="utf-8")

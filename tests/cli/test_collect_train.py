@@ -123,7 +123,7 @@ def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--lost", "krigin"), "--lost: krigin is not allowed"),
+        (("--lost", "krigin"), "--lost: krigin is not allowed; did you mean kriging?"),
         (("--min-space", "-1"), "--min-space: -1"),
         (("--policy", "max-quue"), "did you mean max-queue"),
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),

@@ -1,3 +1,5 @@
+import importlib.util
+
 import numpy as np
 import pytest
 
@@ -6,18 +8,36 @@ from tests.networks import grid_network, tee_network
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.check import check_controller
-from tsc_missing.controllers.registry import CONTROLLERS, NATIVE, make_controller
+from tsc_missing.controllers.registry import BLIND, CONTROLLERS, LEARNED, NATIVE, make_controller
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 
 DEFAULTS = RunSettings()
+BUILDS = [lambda: grid_network(1, 2), tee_network, cross_and_tee]
+PLENTY = 40  # [vehicles a lane] so much that some slots of these networks are always filling
+needs_torch = pytest.mark.skipif(
+    importlib.util.find_spec("torch") is None, reason="Q-networks need torch"
+)
+COMPOSED = [name for name, entry in CONTROLLERS.items() if entry.needs_values]
+COMPOSED += [pytest.param(name, marks=needs_torch) for name in LEARNED]
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-@pytest.mark.parametrize("build", [lambda: grid_network(1, 2), tee_network, cross_and_tee])
+@pytest.mark.parametrize("build", BUILDS)
 @pytest.mark.parametrize("blind", ["none", "fixed-time"])
 def test_every_controller_conforms(name, build, blind):
     check_controller(lambda: make_controller(name, DEFAULTS.imputer, blind), build())
+
+
+@pytest.mark.usefixtures("weights_read_once")
+@pytest.mark.parametrize("name", COMPOSED)
+@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("blind", BLIND)
+def test_every_composition_conforms(name, build, blind):
+    def make():
+        return make_controller(name, DEFAULTS.imputer, blind, max_red=60, min_space=PLENTY)
+
+    check_controller(make, build())
 
 
 def test_controllers_that_need_values_get_an_imputer_and_the_rule_for_blind_intersections():

@@ -41,7 +41,7 @@ def test_a_fit_of_shortest_ways_has_exits():
 def test_entry_roads_with_few_vehicles_follow_the_course_of_the_network():
     few = [Trip(float(k), ("road_3_3_3", "road_3_2_3")) for k in range(0, 1200, 100)]
     many = [Trip(float(k // 2), ("road_0_1_0", "road_1_1_0")) for k in range(1200)]
-    fitted = fit_profile(Demand.of([*few, *many], "recorded"), GRID, HORIZON)
+    fitted = fit_profile(Demand.of([*few, *many]), GRID, HORIZON)
     assert fitted.arrivals["road_0_1_0"] == (600.0, 600.0, 0.0, 0.0)
     assert fitted.arrivals["road_3_3_3"] == pytest.approx((6.0, 6.0, 0.0, 0.0), abs=0.1)
 

@@ -8,7 +8,7 @@ import typer
 from pydantic import ValidationError
 
 from tsc_missing.cli.common import INTERRUPTED, make_app, messages, run_app
-from tsc_missing.errors import UserError
+from tsc_missing.cli.options import option_error
 from tsc_missing.network.folder import bundled_profiles
 from tsc_missing.offline.dataset import EPISODES, Dataset
 from tsc_missing.offline.plan import CollectSettings
@@ -109,12 +109,7 @@ def _settings(**values: Any) -> CollectSettings:
     try:
         return CollectSettings.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        names = [part for part in first["loc"] if isinstance(part, str)]
-        name = str(names[-1]) if names else "options"
-        option = {"pattern": "missing", "nets": "net", "policies": "policy"}.get(name, name)
-        text = str(first["msg"]).removeprefix("Value error, ")
-        raise UserError(f"--{option.replace('_', '-')}", first["input"], text) from None
+        raise option_error(error) from None
 
 
 def _watched(settings: CollectSettings, out: Path, workers: int) -> Dataset:

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from tsc_missing.cli.net_import import demand_spec
 from tsc_missing.cli.net_target import find_target, say_written
-from tsc_missing.cli.options import allowed
+from tsc_missing.cli.options import option_error
 from tsc_missing.errors import UserError
 from tsc_missing.network.grid import GridSpec
 
@@ -95,9 +95,7 @@ def _grid(**values: Any) -> GridSpec:
     try:
         spec = GridSpec.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        option = str(first["loc"][0]).replace("_", "-")
-        raise UserError(f"--{option}", first["input"], allowed(first)) from None
+        raise option_error(error) from None
     shortest = 2 * spec.stop_distance
     for length in ("east_west", "north_south"):
         if values[length] <= shortest:

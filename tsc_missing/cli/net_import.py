@@ -115,12 +115,10 @@ def _refuse(chosen: str, others: dict[str, Any]) -> None:
 
 def demand_spec(**values: Any) -> Any:
     """What demand to generate; ``UserError`` names the option that is wrong."""
-    from tsc_missing.cli.options import allowed
+    from tsc_missing.cli.options import option_error
     from tsc_missing.demand.generate import DemandSpec
 
     try:
         return DemandSpec.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = str(first["loc"][0]) if first["loc"] else "turns"
-        raise UserError(f"--{name.replace('_', '-')}", values[name], allowed(first)) from None
+        raise option_error(error, whole="turns") from None

@@ -7,7 +7,13 @@ from pydantic import ValidationError
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError, nearest
 
-OPTION_OF = {"pattern": "missing", "kind": "sensor", "length": "detector_length"}
+OPTION_OF = {
+    "pattern": "missing",
+    "kind": "sensor",
+    "length": "detector_length",
+    "nets": "net",
+    "policies": "policy",
+}
 
 
 def make_settings(**values: Any) -> RunSettings:
@@ -15,13 +21,25 @@ def make_settings(**values: Any) -> RunSettings:
     try:
         return RunSettings.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = str(first["loc"][-1]) if first["loc"] else "options"
-        option = OPTION_OF.get(name, name).replace("_", "-")
-        raise UserError(f"--{option}", first["input"], allowed(first)) from None
+        raise option_error(error) from None
 
 
-def allowed(problem: Any) -> str:
+def option_error(error: ValidationError, whole: str = "options") -> UserError:
+    """The first thing that a model refused, with the option that set it.
+
+    What is wrong with several fields together goes by ``whole``, the name of one of them.
+    """
+    first = error.errors(include_url=False)[0]
+    names = [part for part in first["loc"] if isinstance(part, str)]
+    name = names[-1] if names else whole
+    value = first["input"]
+    if not names and isinstance(value, dict):
+        value = value.get(name, value)
+    option = OPTION_OF.get(name, name).replace("_", "-")
+    return UserError(f"--{option}", value, _allowed(first))
+
+
+def _allowed(problem: Any) -> str:
     """Words for what is allowed, with the nearest name where a name was wanted."""
     if problem["type"] == "literal_error":
         names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")

@@ -61,14 +61,13 @@ def _run(controller: Controller, context: ControlContext, hidden: int) -> IntArr
     network = context.network
     controller.reset(context)
     phase = np.full(network.n, -1, dtype=np.int64)
-    red_steps = np.where(network.free_slots, 0, 1)
+    red_steps = network.first_red_steps()
     answers = []
     for step, (truth, mask) in enumerate(_world(context, hidden)):
         observation = apply_mask(truth, mask, step, step * INTERVAL, phase, red_steps)
         phase = _decide(controller, observation, network)
         answers.append(phase)
-        green = network.phases[np.arange(network.n), phase] | network.free_slots
-        red_steps = np.where(green, 0, red_steps + 1)
+        red_steps = network.next_red_steps(red_steps, phase)
     return np.array(answers)
 
 

@@ -59,4 +59,4 @@ def read_flow(path: Path, network: PlainNetwork, horizon: float) -> Demand:
         trips += [Trip(time, tuple(flow.route)) for time in departures if time < horizon]
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
-    return Demand.of(trips, "recorded")
+    return Demand.of(trips)

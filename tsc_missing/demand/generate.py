@@ -93,7 +93,7 @@ def generate_on_grid(
         if share > 0:
             profile = _profile(spec, arrivals_by_road(spec, weights, horizon), shares, ())
             trips += draw_demand(profile, turns, drawn, share, horizon).trips
-    return Demand.of(trips, "generated")
+    return Demand.of(trips)
 
 
 def _profile(
@@ -180,7 +180,7 @@ def generate_through_net(
     speeds = {k: [lane.getSpeed() for lane in roads[k].getLanes()] for k in totals}
     arrivals = {road: row.tolist() for road, row in totals.items()}
     warnings = [f"warning: {w}" for w in entry_warnings(arrivals, speeds, VehicleType())]
-    found = _fastest(Demand.of(trips, "generated"), net_file, begin, horizon, seed)
+    found = _fastest(Demand.of(trips), net_file, begin, horizon, seed)
     return Found(found.demand, (*warnings, *found.notes))
 
 
@@ -226,4 +226,4 @@ def _fastest(demand: Demand, net: Path, begin: float, horizon: float, seed: int)
         path.write_text("\n".join(["<routes>", *lines, "</routes>"]), encoding="utf-8")
         found = route_demand(net, [path], begin, horizon, seed, "vehicles-per-hour")
     trips = (Trip(trip.depart, trip.route) for trip in found.demand.trips)
-    return Found(Demand.of(trips, "generated"), found.notes)
+    return Found(Demand.of(trips), found.notes)

@@ -121,7 +121,7 @@ def draw_demand(
         routes = _routes_to_exits(profile, graph, entries, entry, rng)
     else:
         routes = walk(graph, entries[entry], rng)
-    return Demand.of(map(Trip, departs.tolist(), routes), "profile")
+    return Demand.of(map(Trip, departs.tolist(), routes))
 
 
 def _check_roads(profile: DemandProfile, turns: Turns, graph: RoadGraph) -> None:

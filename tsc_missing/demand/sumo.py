@@ -40,7 +40,7 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
     used = {dict(trip.attributes).get("type", "") for trip in trips if trip.attributes is not None}
-    return Demand.of(trips, "recorded", (text for name, text in types.items() if name in used))
+    return Demand.of(trips, (text for name, text in types.items() if name in used))
 
 
 def _route(vehicle: ElementTree.Element, routes: dict[str, tuple[str, ...]]) -> tuple[str, ...]:

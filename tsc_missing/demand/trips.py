@@ -31,19 +31,18 @@ class Trip:
 
 @dataclass(frozen=True)
 class Demand:
-    """All trips of a scenario, sorted by departure, and where they come from.
+    """All trips of a scenario, sorted by departure.
 
     ``types`` are the vehicle types that trips with attributes name, as SUMO's XML elements.
     """
 
     trips: tuple[Trip, ...]
-    source: str  # "recorded" or "profile"
     types: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, trips: Iterable[Trip], source: str, types: Iterable[str] = ()) -> "Demand":
+    def of(cls, trips: Iterable[Trip], types: Iterable[str] = ()) -> "Demand":
         """A demand of trips in any order; equal departures keep the order given."""
-        return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), source, tuple(types))
+        return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), tuple(types))
 
 
 def turning_flows(

@@ -137,14 +137,14 @@ class Network:
             ]
         )
 
-    @cached_property
-    def slot_road(self) -> tuple[tuple[str | None, ...], ...]:
-        """The road that each slot's lanes lie on (the first by name where there are several)."""
-        lanes = self.record.lanes
-        return tuple(
-            tuple(min((lanes[lane].road for lane in slot), default=None) for slot in slots)
-            for slots in self.slot_lanes
-        )
+    def first_red_steps(self) -> IntArray:
+        """(N, 12): decision steps since a slot had green, before any: 0 of free slots, else 1."""
+        return np.where(self.free_slots, 0, 1).astype(np.int64)
+
+    def next_red_steps(self, red_steps: IntArray, phases: IntArray) -> IntArray:
+        """(N, 12): those at the end of a step in which ``phases`` (N,) ran."""
+        green = self.phases[np.arange(self.n), phases] | self.free_slots
+        return np.where(green, 0, red_steps + 1)
 
     @cached_property
     def neighbours(self) -> IntArray:

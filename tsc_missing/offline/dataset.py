@@ -5,8 +5,6 @@ the start. A dataset is complete in itself: it can be read where the networks ar
 """
 
 import json
-import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +14,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import parse, read_json, sha256
+from tsc_missing.files import parse, read_json, replace_file, sha256
 from tsc_missing.network.model import Network
 from tsc_missing.network.records import NetworkRecord
 from tsc_missing.offline.log import FIELD, EpisodeLog, read_log
@@ -176,21 +174,14 @@ def add_network(path: Path, record: Path) -> str:
     """Copy a network's record into the dataset; returns its name there, from its content."""
     name = f"{sha256(record)[:16]}.json"
     if not (path / NETWORKS / name).exists():
-        temporary = path / NETWORKS / f".{name}.{os.getpid()}"
-        shutil.copyfile(record, temporary)
-        temporary.replace(path / NETWORKS / name)
+        replace_file(path / NETWORKS / name, record.read_bytes())
     return name
 
 
 def write_json(path: Path, model: BaseModel) -> None:
     """Write a model, whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        text = json.dumps(model.model_dump(mode="json"), indent=1) + "\n"
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    text = json.dumps(model.model_dump(mode="json"), indent=1) + "\n"
+    replace_file(path, text.encode())
 
 
 def merge(parts: Sequence[Statistics]) -> Statistics:

@@ -5,9 +5,8 @@ A row is a decision step and an intersection, steps outermost. ``vehicles``, ``q
 one with holes the cells that did not report hold zeros: the truth is not in the file at all.
 """
 
-import contextlib
+import io
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import pyarrow.parquet as pq
 
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Trace
+from tsc_missing.files import replace_file
 from tsc_missing.network.model import BoolArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
@@ -64,15 +64,13 @@ def red_steps_of(network: Network, phase: IntArray) -> IntArray:
     """(T, N, 12): at the start of each step, the steps since a slot last had green.
 
     ``phase`` (T, N) is what ran in each step. Before the first step only free slots were green,
-    and the others count as red for one step (as ``simulation.signals`` counts).
+    and the others count as red for one step.
     """
-    red = np.where(network.free_slots, 0, 1).astype(np.int64)
+    red = network.first_red_steps()
     rows = []
-    everyone = np.arange(network.n)
     for running in phase:
         rows.append(red)
-        green = network.phases[everyone, running] | network.free_slots
-        red = np.where(green, 0, red + 1)
+        red = network.next_red_steps(red, running)
     return np.array(rows, dtype=np.int64).reshape(*phase.shape, N_SLOTS)
 
 
@@ -89,15 +87,12 @@ def write_log(path: Path, log: EpisodeLog, about: dict[str, Any]) -> None:
     steps, n = log.phase.shape
     header = {"format": FORMAT, "steps": steps, "intersections": n, "about": about}
     table = pa.table(columns).replace_schema_metadata({"episode": json.dumps(header)})
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    content = io.BytesIO()
+    pq.write_table(table, content, compression="zstd")
     try:
-        pq.write_table(table, temporary, compression="zstd")
-        temporary.replace(path)
+        replace_file(path, content.getvalue())
     except OSError as error:
         raise UserError(FIELD, path, f"cannot be written ({error.strerror or error})") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def read_log(path: Path) -> tuple[EpisodeLog, dict[str, Any]]:

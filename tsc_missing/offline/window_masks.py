@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from tsc_missing.config import Settings
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
 from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.sensing.outages import largest_share, outages
 
 UIntArray = npt.NDArray[np.uint64]
 
@@ -105,7 +106,9 @@ class WindowMasks:
             seen &= uniform(key, intersections, slots, LANE, time) >= each(self.lane_rate)
         if self.burst_rate.any():
             chance = uniform(key, intersections, whole, BURST, time)
-            seen &= ~_outages(each(self.burst_rate)[..., 0], self.mean_outage, chance)
+            share = self.burst_rate.reshape(shape)
+            out = outages(share, self.mean_outage, np.moveaxis(chance, -1, 0))
+            seen &= ~np.moveaxis(out, 0, -1)
         return seen
 
 
@@ -116,7 +119,7 @@ def draw_masks(mix: MaskMix, own: IntArray, rng: np.random.Generator) -> WindowM
     edges = np.cumsum(shares / shares.sum())[:-1]
     pattern = np.searchsorted(edges, rng.random(count), side="right")
     rate = rng.uniform(mix.rate_min, mix.rate_max, count)
-    most = mix.mean_outage / (mix.mean_outage + 1)  # an outage ends in the end
+    most = largest_share(mix.mean_outage)  # an outage ends in the end
 
     def of(*names: str) -> BoolArray:
         return np.isin(pattern, [PATTERNS.index(name) for name in names])
@@ -149,14 +152,3 @@ def uniform(
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return np.asarray(((z ^ (z >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53)
-
-
-def _outages(share: FloatArray, mean_outage: float, chance: FloatArray) -> BoolArray:
-    """(…, T): true in an outage; stationary two-state chains, as in ``sensing.patterns``."""
-    recover = 1 / mean_outage
-    fail = share * recover / (1 - share)
-    out = chance < share[..., None]
-    for step in range(1, chance.shape[-1]):
-        u = chance[..., step]
-        out[..., step] = np.where(out[..., step - 1], u >= recover, u < fail)
-    return out

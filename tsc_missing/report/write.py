@@ -7,7 +7,8 @@ from pathlib import Path
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.files import check_writable, whole_folder
-from tsc_missing.report.document import FIGURES, make_report, render, to_html
+from tsc_missing.report.document import FIGURES, make_report, render
+from tsc_missing.report.page import to_html
 from tsc_missing.report.results import read_results
 
 FIELD = "--out"

@@ -15,6 +15,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.seeding import stream
+from tsc_missing.sensing.outages import largest_share, outages
 
 Pattern = Callable[[MissingSettings, Network, int, np.random.Generator], BoolArray]
 
@@ -60,10 +61,10 @@ def _burst(
     settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
 ) -> BoolArray:
     """(T, N, 1): outages of ``mean_outage`` steps on average cover ``rate`` of the time."""
-    most = _largest_outage_share(settings.mean_outage)
+    most = largest_share(settings.mean_outage)
     _check_outages(settings, most)
     chance = rng.random((steps, network.n))
-    return ~_outages(settings.rate, settings.mean_outage, chance)[:, :, None]
+    return ~outages(settings.rate, settings.mean_outage, chance)[:, :, None]
 
 
 def _mixed(
@@ -75,14 +76,14 @@ def _mixed(
     placed, a share a of the slots. Bursts and lanes are each missing with probability b, all three
     independent, so that the expected share of missing slots is 1 - (1 - a)(1 - b)^2 = ``rate``.
     """
-    _check_outages(settings, 1 - (1 - _largest_outage_share(settings.mean_outage)) ** 2)
+    _check_outages(settings, 1 - (1 - largest_share(settings.mean_outage)) ** 2)
     order = _greedy_independent(network.adjacency, rng.permutation(network.n))
     shares = np.cumsum(network.slot_mask[order].sum(axis=1)) / network.slot_mask.sum()
     count = int(np.searchsorted(shares, settings.rate / 3 + 1e-9, side="right"))
     blind_share = shares[count - 1] if count else 0.0
     rest = 1 - math.sqrt((1 - settings.rate) / (1 - blind_share))
     chance = rng.random((steps, network.n, 1 + N_SLOTS))
-    out = _outages(rest, settings.mean_outage, chance[:, :, 0])[:, :, None]
+    out = outages(rest, settings.mean_outage, chance[:, :, 0])[:, :, None]
     return _without(order[:count], network.n) & ~out & (chance[:, :, 1:] >= rest)
 
 
@@ -106,15 +107,6 @@ def _nearest_count(rate: float, n: int) -> int:
     return math.floor(round(rate * n, 9) + 0.5)
 
 
-# Outages: a Markov chain that fails with probability f and recovers with probability
-# r = 1 / mean_outage is missing f / (f + r) of the time, which at f = 1 is the most it can be.
-
-
-def _largest_outage_share(mean_outage: float) -> float:
-    """The largest share of time below 1 that outages of this mean length [steps] can cover."""
-    return mean_outage / (mean_outage + 1)
-
-
 def _check_outages(settings: MissingSettings, most: float) -> None:
     if most < settings.rate < 1:
         shown = math.floor(most * 1e4) / 1e4
@@ -124,21 +116,6 @@ def _check_outages(settings: MissingSettings, most: float) -> None:
             f"with mean_outage {settings.mean_outage:g} it may be at most {shown:g}, or 1; "
             "a larger mean_outage allows more",
         )
-
-
-def _outages(share: float, mean_outage: float, chance: FloatArray) -> BoolArray:
-    """(T, N): true in an outage, from two-state Markov chains in their stationary state.
-
-    ``chance`` (T, N) are uniform random numbers in [0, 1).
-    """
-    if share == 1:
-        return np.ones(chance.shape, dtype=bool)
-    recover = 1 / mean_outage
-    fail = share * recover / (1 - share)
-    out = chance < share
-    for step in range(1, len(chance)):
-        out[step] = np.where(out[step - 1], chance[step] >= recover, chance[step] < fail)
-    return out
 
 
 # Blind sets.

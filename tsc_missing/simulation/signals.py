@@ -145,7 +145,7 @@ class Signals:
             for node in network.intersections
         ]
         self._green_since = np.full(network.n, -np.inf)
-        self.red_steps: IntArray = np.where(network.free_slots, 0, 1).astype(np.int64)
+        self.red_steps: IntArray = network.first_red_steps()
         self.held = 0
         for n, state in enumerate(self._shown):
             self._guard.send(n, state, 0.0)
@@ -187,7 +187,7 @@ class Signals:
                 self._show(n, now)
                 self._green_since[n] = now
         self.phase = phases.astype(np.int64)
-        self._count_red()
+        self.red_steps = self._network.next_red_steps(self.red_steps, self.phase)
         return bool(self._changing)
 
     @property
@@ -212,8 +212,3 @@ class Signals:
     def _show(self, n: int, now: float) -> None:
         self._shown[n] = self._targets[n]
         self._guard.send(n, self._shown[n], now)
-
-    def _count_red(self) -> None:
-        served = self._network.phases[np.arange(self._network.n), self.phase]
-        green = served | self._network.free_slots
-        self.red_steps = np.where(green, 0, self.red_steps + 1)

@@ -2,9 +2,12 @@
 
 import csv
 import importlib.util
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from tsc_missing.files import replace_file
 
 FILE = "metrics.csv"
 COLUMNS = (
@@ -31,12 +34,11 @@ class MetricsLog:
         if self._path.exists():
             with self._path.open(newline="", encoding="utf-8") as stream:
                 rows = [row for row in csv.DictReader(stream) if self._up_to(row, step)]
-        temporary = self._path.with_name(f".{FILE}")
-        with temporary.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, columns)
-            writer.writeheader()
-            writer.writerows(rows)
-        temporary.replace(self._path)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+        replace_file(self._path, text.getvalue().encode())
         self._board = _board(folder, step)
 
     def write(self, row: Mapping[str, float]) -> None:
