@@ -13,7 +13,7 @@ from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.weights.find import COMMAND
 from tsc_missing.weights.find import FIELD as WEIGHTS
 
-METHODS = "methods"
+METHODS, LACKING = "methods", "have no weights here"  # field and verdict of an error
 
 
 def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...], dict[str, str]]:
@@ -51,7 +51,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             METHODS,
             lacking_words(lacking),
             "make them, or run the rest with --skip-unavailable",
-            verdict="have no weights here",
+            verdict=LACKING,
         )
     return tuple(there), lacking
 
