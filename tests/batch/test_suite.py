@@ -183,6 +183,7 @@ BLOCK = '[[runs]]\nmethod = "max-queue"\n'
         (BLOCK + "seed = [-1]", ["runs 1", "seed", "-1"]),
         (BLOCK + "missing.pattern = 'krigin'", ["runs 1", "krigin"]),
         (BLOCK + "missing.rate = 0.5", ["runs 1", "pattern"]),
+        (BLOCK + "missing.pattern = 'kriging'", ["runs 1", "kriging needs a missing.rate from 0"]),
         (BLOCK + "vehicle = 3", ["runs 1", "vehicle"]),
         ("[methods.a]\ncolour = 1\n" + BLOCK, ["methods.a", "colour"]),
         ("[methods]\na = 1\n" + BLOCK, ["methods.a", "must be a table"]),

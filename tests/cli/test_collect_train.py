@@ -129,6 +129,7 @@ def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),
         (("--net", "jnan"), "did you mean"),
         (("--missing", "random", "--rate", "2"), "rate"),
+        (("--missing", "random"), "--missing random needs a rate from 0 to 1"),
     ],
 )
 def test_bad_collections(command, options, words):
