@@ -27,6 +27,8 @@ from tests.cli.refusals import refused
         (["--missing", "kriging", "--rate", "0.9"], ["0.9", "at most", "adjacent"]),
         (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["0.95", "2"]),
         (["--mask", "none.npz"], ["mask", "none.npz"]),
+        (["--mask", "m.npz", "--missing", "random", "--rate", "0"], ["--rate: 0", "--mask"]),
+        (["--mask", "m.npz", "--mask-seed", "1"], ["--mask-seed: 1", "--mask"]),
         (["--volume", "0"], ["--volume", "0"]),
         (["--volume", "nan"], ["--volume", "nan"]),
         (["--horizon", "0"], ["--horizon"]),

@@ -1,5 +1,6 @@
 """``tsc-run`` as it is used: the real command line on real SUMO."""
 
+import hashlib
 import json
 import os
 import re
@@ -89,8 +90,12 @@ def test_a_mask_can_be_replayed(command, small_net):
     mask = command.cwd / "a" / "mask.npz"
     again = run_json(command, *options, "--mask", mask, "--out", "b", "--seed", 7)
     assert again["mask"] == "replayed"
+    assert again["checksums"]["mask: mask.npz"] == hashlib.sha256(mask.read_bytes()).hexdigest()
+    assert not any(name.startswith("mask") for name in drawn["checksums"])
     assert again["result"]["att_all"] == drawn["result"]["att_all"]
     assert (command.cwd / "b" / "mask.npz").read_bytes() == mask.read_bytes()
+    unnamed = run_json(command, *options, "--mask", mask, "--missing", "mixed")
+    assert unnamed["out"] == "runs/small-replayed-max-queue-seed0"
 
 
 def test_decisions_hold_truth_estimates_and_what_was_observed(command, small_net):
