@@ -1,6 +1,7 @@
 """From names to a network and its demand: what ``--net`` and ``--demand`` mean."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -46,7 +47,8 @@ class Scenario:
                 raise UserError(
                     "volume", settings.volume, f"{self.demand_kind} demand has only volume 1"
                 )
-            return read_routes(self.demand_file, settings.horizon, self.folder.begin)
+            demand = read_routes(self.demand_file, settings.horizon, self.folder.begin)
+            return replace(demand, duration=self.folder.manifest.horizon or math.inf)
         turns = record_turns(self.folder.network.record)
         profile = read_profile(self.demand_file)
         return draw_demand(profile, turns, settings.seed, settings.volume, settings.horizon)
