@@ -14,6 +14,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from tests.cityflow_files import grid_flows, grid_roadnet, write
+
 RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "mask.npz"}
 FULL = Path("/dev/full")
 
@@ -174,6 +176,15 @@ def test_import_under_a_name_then_run_it(command, small_files):
     assert result["scenario"] == "town"
     again = command("net", "import", *named)
     assert again.returncode == 2
+
+
+def test_a_flow_for_a_bundled_dataset(command, tmp_path):
+    files = write(tmp_path, grid_roadnet(3, 4), grid_flows(3, 4))
+    named = ("--roadnet", files[0], "--flow", files[1], "--as", "jinan_1")
+    done = command("net", "import", *named)
+    assert done.returncode == 0, done.stderr
+    result = run_json(command, "--net", "jinan", "--demand", "recorded", "--horizon", 45)
+    assert (result["scenario"], result["demand"]) == ("jinan_1", "recorded")
 
 
 def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):

@@ -15,9 +15,9 @@ from tsc_missing.files import sha256
 from tsc_missing.network.folder import (
     MANIFEST,
     NetworkFolder,
-    bundled_cities,
     bundled_profiles,
     canonical,
+    city_of,
     imported_networks,
     read_folder,
     unknown_network,
@@ -92,8 +92,7 @@ def find_scenario(net: str, demand: Literal["auto", "profile", "recorded"]) -> S
 
 
 def _bundled(name: str, profile: Path) -> Scenario:
-    city = next(city for city in bundled_cities() if name.startswith(f"{city}_"))
-    folder = read_folder(bundled("networks") / city, name)
+    folder = read_folder(bundled("networks") / city_of(name), name)
     return Scenario(name, folder, "profile", profile)
 
 
