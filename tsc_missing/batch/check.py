@@ -41,7 +41,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         problem = problems[key]
         if problem is None:
             there.append(run)
-        elif problem.field == WEIGHTS or (problem.field == "controller" and run.train):
+        elif problem.field == WEIGHTS:
             method, command = _lacks(run)
             lacking[method] = _also(lacking.get(method), command)
         else:
