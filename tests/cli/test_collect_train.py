@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
+from tests.cli.refusals import refused
 from tsc_missing.offline.dataset import read_dataset
 from tsc_missing.offline.seen import saw_nothing
 
@@ -55,6 +56,9 @@ def test_collect_go_on_train_resume(command, small_net):
     assert "begun with seed 0" in other.stderr
 
     config(command)
+    (command.cwd / "file").touch()
+    done = command("train", "c.toml", "--out", "file")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     done = command("train", "c.toml", "--out", "t")
     assert done.returncode == 0, done.stderr
     assert done.stdout == "t/weights.safetensors\n"
@@ -202,6 +206,15 @@ episodes = {episodes}
 updates = 3
 batch = 12
 """
+
+
+@pytest.mark.parametrize("config", [Q_CONFIG, LOOKAHEAD])
+def test_trainings_into_a_file(command, small_net, config):
+    values = {"net": small_net, "algorithm": "value", "episodes": 2}
+    (command.cwd / "c.toml").write_text(config.format(**values))
+    (command.cwd / "file").touch()
+    for out in ("file", "file/below"):
+        refused(command, "train", "c.toml", "--out", out, words=[f"out: {out} is not allowed"])
 
 
 def test_look_ahead_interrupted_and_gone_on_with(command, small_net):

@@ -7,6 +7,7 @@ from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.run import check_timing
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.network.folder import network_name
 from tsc_missing.sensing.patterns import draw_mask
@@ -90,7 +91,7 @@ def _problem(run: RunSpec) -> UserError | None:
 def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
     """The scenario of every run by its name; ``UserError`` where a run could not start.
 
-    Each network, demand and pattern of missing data is looked at once.
+    Each network, demand, timing and pattern of missing data is looked at once.
     """
     scenarios: dict[tuple[str, str], Scenario] = {}
     seen: set[tuple[object, ...]] = set()
@@ -104,8 +105,11 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
         demand = (*where, settings.volume, settings.horizon)
         if demand not in seen:
             scenario.demand(settings)
+        timing = (*where, settings.signals)
+        if timing not in seen:
+            check_timing(settings.signals, scenario.folder.network)
         mask = (*where, settings.missing)
         if mask not in seen:
             draw_mask(settings.missing, scenario.folder.network, 1, settings.seed_of_mask)
-        seen |= {demand, mask}
+        seen |= {demand, timing, mask}
     return found
