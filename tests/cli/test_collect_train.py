@@ -217,6 +217,25 @@ def test_trainings_into_a_file(command, small_net, config):
         refused(command, "train", "c.toml", "--out", out, words=[f"out: {out} is not allowed"])
 
 
+def test_a_training_interrupted_twice_tells_of_what_it_saved(command, small_net):
+    text = Q_CONFIG.format(algorithm="value", net=small_net)
+    (command.cwd / "q.toml").write_text(text.replace("updates = 3", "updates = 1000000"))
+    process = command.start("train", "q.toml", "--workers", 1)
+    folder = command.cwd / "runs" / "train-q"
+    deadline = time.monotonic() + 60
+    while not list(folder.glob("episodes/00001-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == (
+        "error: interrupted; what was saved before, if anything, stays; --resume goes on\n"
+    )
+    assert list(folder.glob("*.safetensors"))
+
+
 def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
     plan = command.cwd / "look.toml"
     plan.write_text(LOOKAHEAD.format(net=small_net, episodes=200))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from tsc_missing.cli.common import INTERRUPTED, make_app, messages, run_app
+from tsc_missing.cli.common import FINISHED_KEPT, INTERRUPTED, make_app, messages, run_app
 from tsc_missing.cli.options import missing_rate
 from tsc_missing.errors import UserError
 from tsc_missing.network.folder import bundled_profiles
@@ -151,7 +151,7 @@ def _print(dataset: Dataset) -> None:
 
 def main() -> None:
     """The entry point of ``tsc-collect``."""
-    run_app(app, "tsc-collect")
+    run_app(app, "tsc-collect", FINISHED_KEPT)
 
 
 if __name__ == "__main__":
