@@ -31,18 +31,32 @@ def test_later_suites_reuse_earlier_ones(tmp_path):
     assert words[words.index("--set") + 1] == "seed=[0]"
 
 
-def test_a_shared_run_is_made_once(tmp_path, small_net):
-    pytest.importorskip("torch", reason="the diffusion controller needs torch")
-    short = [f"net='{small_net}'", "horizon=45", "seed=[0]"]
-    words = [word for change in short for word in ("--set", change)]
-    done = subprocess.run(
-        [sys.executable, "-m", "tools.paper_tables", *words, "--only", "no-missing", "limits"],
-        cwd=tmp_path,
+def make_tables(cwd, changes, *suites):
+    words = [word for change in changes for word in ("--set", change)]
+    return subprocess.run(
+        [sys.executable, "-m", "tools.paper_tables", *words, "--only", *suites],
+        cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=300,
     )
+
+
+def test_suites_in_which_nothing_can_run_are_left_out(tmp_path):
+    done = make_tables(tmp_path, ["seed=0"], "generalisation")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("generalisation: left out, no method of it has weights here\n")
+    assert list(tmp_path.iterdir()) == []
+    done = make_tables(tmp_path, ["missing.rate=7"], "generalisation")
+    assert done.returncode == 2
+    assert "left out" not in done.stdout
+
+
+def test_a_shared_run_is_made_once(tmp_path, small_net):
+    pytest.importorskip("torch", reason="the diffusion controller needs torch")
+    short = [f"net='{small_net}'", "horizon=45", "seed=[0]"]
+    done = make_tables(tmp_path, short, "no-missing", "limits")
     assert done.returncode == 0, done.stderr
     runs = [tmp_path / "runs" / name for name in ("no-missing", "limits")]
     shared = [folder / "runs" / "small-none-max-queue-seed0" / "run.json" for folder in runs]

@@ -72,6 +72,8 @@ class MissingSettings(Settings):
             raise ValueError("adjacent goes with the pattern kriging only")
         if self.rate > 0 and self.pattern == "none":
             raise ValueError("a rate above 0 needs a pattern of missing data")
+        if self.pattern != "none" and "rate" not in self.model_fields_set:
+            raise ValueError(f"the pattern {self.pattern} needs a missing.rate from 0 to 1")
         return self
 
 

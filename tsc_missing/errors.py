@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
 
 
 class UserError(Exception):
@@ -14,7 +15,12 @@ class UserError(Exception):
         self.field = field
         self.value = value
         self.allowed = allowed
+        self.verdict = verdict
         super().__init__(" ".join(f"{field}: {value} {verdict}; {allowed}".split()))
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, object, str, str]]:
+        """What it is made of, so that it comes back whole from another process."""
+        return type(self), (self.field, self.value, self.allowed, self.verdict)
 
 
 def nearest(value: str, known: Iterable[str]) -> str:

@@ -119,6 +119,8 @@ def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Pa
 
 
 def check_new_training(folder: Path) -> None:
-    """Raise ``UserError`` if a training that is to begin would write into one that is there."""
-    if folder.exists() and any(folder.iterdir()):
+    """Raise ``UserError`` unless a training can begin in the folder: a new one or an empty one."""
+    if not folder.is_dir():
+        check_writable(folder, "out")
+    elif any(folder.iterdir()):
         raise UserError("out", folder, "it is there already; --resume goes on with it")

@@ -183,6 +183,7 @@ BLOCK = '[[runs]]\nmethod = "max-queue"\n'
         (BLOCK + "seed = [-1]", ["runs 1", "seed", "-1"]),
         (BLOCK + "missing.pattern = 'krigin'", ["runs 1", "krigin"]),
         (BLOCK + "missing.rate = 0.5", ["runs 1", "pattern"]),
+        (BLOCK + "missing.pattern = 'kriging'", ["runs 1", "kriging needs a missing.rate from 0"]),
         (BLOCK + "vehicle = 3", ["runs 1", "vehicle"]),
         ("[methods.a]\ncolour = 1\n" + BLOCK, ["methods.a", "colour"]),
         ("[methods]\na = 1\n" + BLOCK, ["methods.a", "must be a table"]),
@@ -218,14 +219,22 @@ def test_unknown_suites_and_methods(tmp_path):
 
 def test_methods_without_weights(tmp_path):
     text = '[[runs]]\nmethod = ["max-queue", "No", "No too"]\n'
-    for name, controller in (("No", "difflight"), ("No too", "nothing-yet")):
-        text += f'[methods."{name}"]\ncontroller = "{controller}"\n'
-        text += 'diffusion.weights = "nowhere"\n' + f'train = "tsc-train {controller}"\n'
+    for name, training in (("No", "one"), ("No too", "two")):
+        text += f'[methods."{name}"]\ncontroller = "difflight"\n'
+        text += 'diffusion.weights = "nowhere"\n' + f'train = "tsc-train {training}"\n'
     suite = read_suite(str(write(tmp_path, text)))
     with pytest.raises(UserError) as caught:
         available(suite.runs, skip=False)
-    for words in ("No (`tsc-train difflight`)", "No too (`tsc-train nothing-yet`)", "--skip-unav"):
+    for words in ("No (`tsc-train one`)", "No too (`tsc-train two`)", "--skip-unav"):
         assert words in str(caught.value)
     there, lacking = available(suite.runs, skip=True)
     assert [run.method for run in there] == ["max-queue"]
     assert list(lacking) == ["No", "No too"]
+
+
+def test_an_unknown_controller_is_no_want_of_weights(tmp_path):
+    text = "[methods.own]\ncontroller = 'difflght'\ntrain = 'tsc-train own'\n"
+    suite = read_suite(str(write(tmp_path, f"{text}[[runs]]\nmethod = 'own'")))
+    for skip in (False, True):
+        with pytest.raises(UserError, match="own, controller: difflght is not"):
+            available(suite.runs, skip)

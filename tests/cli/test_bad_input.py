@@ -27,6 +27,8 @@ from tests.cli.refusals import refused
         (["--missing", "kriging", "--rate", "0.9"], ["0.9", "at most", "adjacent"]),
         (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["0.95", "2"]),
         (["--mask", "none.npz"], ["mask", "none.npz"]),
+        (["--mask", "m.npz", "--missing", "random", "--rate", "0"], ["--rate: 0", "--mask"]),
+        (["--mask", "m.npz", "--mask-seed", "1"], ["--mask-seed: 1", "--mask"]),
         (["--volume", "0"], ["--volume", "0"]),
         (["--volume", "nan"], ["--volume", "nan"]),
         (["--horizon", "0"], ["--horizon"]),
@@ -147,6 +149,21 @@ def test_import_needs_a_place(command, small_files):
     refused(command, "net", "import", *both, words=["--as", "--out"])
     refused(command, "net", "import", *both, "--as", "a/b", words=["a/b"])
     refused(command, "net", "import", "--roadnet", "none.json", "--out", "x", words=["none.json"])
+
+
+def test_names_of_bundled_networks_stay_theirs(command, small_files, tmp_path):
+    roadnet, _ = small_files
+    for make in (("import", "--roadnet", roadnet), ("generate", "--rows", 1, "--columns", 2)):
+        words = ["--as: jinan is not allowed", "the bundled jinan_1"]
+        refused(command, "net", *make, "--as", "jinan", words=words)
+        words = ["--as: hangzhou_2 is not allowed", "16 intersections from intersection_1_1"]
+        refused(command, "net", *make, "--as", "hangzhou_2", words=words)
+    sumo = command("net", "import", "--roadnet", roadnet, "--out", tmp_path / "jinan_1")
+    assert sumo.returncode == 0, sumo.stderr
+    net = tmp_path / "jinan_1" / "net.net.xml"
+    words = ["--as: jinan_1 is not allowed", "12 intersections"]
+    refused(command, "net", "import", "--sumo-net", net, "--as", "jinan_1", words=words)
+    assert not list((tmp_path / "data").rglob("*"))
 
 
 def test_network_folders_that_are_not_whole(command, small_net, tmp_path):

@@ -168,6 +168,30 @@ def test_mistakes_are_found_before_anything_starts(command, small_net):
     refused(command, "batch", "small.toml", *rate, words=["rate", "0.9", "at most 3 of the 6"])
 
 
+def test_a_timing_that_does_not_fit_the_network(command):
+    made = command("net", "generate", "--rows", 1, "--columns", 2, "--out", "net")
+    assert made.returncode == 0, made.stderr
+    write_suite(command, "net/", methods='"max-queue"', seeds="[0]")
+    short = ("--set", "signals={yellow=1, decision_interval=3}")
+    words = ["decision-interval: 3 is not allowed", "longer than yellow"]
+    refused(command, "batch", "small.toml", *short, "--list", words=words)
+
+
+def test_a_suite_in_which_nothing_can_run(command, small_net):
+    write_suite(command, small_net, methods='"BC"')
+    skipping = ("small.toml", "--skip-unavailable")
+    done = command("batch", *skipping, "--out", "b")
+    assert (done.returncode, done.stdout) == (2, "")
+    lacking = "BC on small (`tsc-train bc --data data/small`)"
+    assert done.stderr.splitlines() == [
+        f"left out, no weights: {lacking}",
+        f"error: methods: {lacking} have no weights here; nothing else is in the suite; make some",
+    ]
+    assert not (command.cwd / "b").exists()
+    listed = command("batch", *skipping, "--list")
+    assert (listed.returncode, listed.stdout) == (0, "")
+
+
 def test_results_of_other_versions_settings_and_inputs(command, small_net):
     write_suite(command, small_net, methods='"max-queue"', seeds="[0]", horizon=45)
     done = command("batch", "small.toml", "--out", "b")

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
+from tests.cli.refusals import refused
 from tsc_missing.offline.dataset import read_dataset
 from tsc_missing.offline.seen import saw_nothing
 
@@ -55,6 +56,9 @@ def test_collect_go_on_train_resume(command, small_net):
     assert "begun with seed 0" in other.stderr
 
     config(command)
+    (command.cwd / "file").touch()
+    done = command("train", "c.toml", "--out", "file")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     done = command("train", "c.toml", "--out", "t")
     assert done.returncode == 0, done.stderr
     assert done.stdout == "t/weights.safetensors\n"
@@ -129,6 +133,7 @@ def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),
         (("--net", "jnan"), "did you mean"),
         (("--missing", "random", "--rate", "2"), "rate"),
+        (("--missing", "random"), "--missing random needs a rate from 0 to 1"),
     ],
 )
 def test_bad_collections(command, options, words):
@@ -201,6 +206,34 @@ episodes = {episodes}
 updates = 3
 batch = 12
 """
+
+
+@pytest.mark.parametrize("config", [Q_CONFIG, LOOKAHEAD])
+def test_trainings_into_a_file(command, small_net, config):
+    values = {"net": small_net, "algorithm": "value", "episodes": 2}
+    (command.cwd / "c.toml").write_text(config.format(**values))
+    (command.cwd / "file").touch()
+    for out in ("file", "file/below"):
+        refused(command, "train", "c.toml", "--out", out, words=[f"out: {out} is not allowed"])
+
+
+def test_a_training_interrupted_twice_tells_of_what_it_saved(command, small_net):
+    text = Q_CONFIG.format(algorithm="value", net=small_net)
+    (command.cwd / "q.toml").write_text(text.replace("updates = 3", "updates = 1000000"))
+    process = command.start("train", "q.toml", "--workers", 1)
+    folder = command.cwd / "runs" / "train-q"
+    deadline = time.monotonic() + 60
+    while not list(folder.glob("episodes/00001-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == (
+        "error: interrupted; what was saved before, if anything, stays; --resume goes on\n"
+    )
+    assert list(folder.glob("*.safetensors"))
 
 
 def test_look_ahead_interrupted_and_gone_on_with(command, small_net):

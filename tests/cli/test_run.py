@@ -1,5 +1,6 @@
 """``tsc-run`` as it is used: the real command line on real SUMO."""
 
+import hashlib
 import json
 import os
 import re
@@ -12,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+
+from tests.cityflow_files import grid_flows, grid_roadnet, write
 
 RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "mask.npz"}
 FULL = Path("/dev/full")
@@ -89,8 +92,12 @@ def test_a_mask_can_be_replayed(command, small_net):
     mask = command.cwd / "a" / "mask.npz"
     again = run_json(command, *options, "--mask", mask, "--out", "b", "--seed", 7)
     assert again["mask"] == "replayed"
+    assert again["checksums"]["mask: mask.npz"] == hashlib.sha256(mask.read_bytes()).hexdigest()
+    assert not any(name.startswith("mask") for name in drawn["checksums"])
     assert again["result"]["att_all"] == drawn["result"]["att_all"]
     assert (command.cwd / "b" / "mask.npz").read_bytes() == mask.read_bytes()
+    unnamed = run_json(command, *options, "--mask", mask, "--missing", "mixed")
+    assert unnamed["out"] == "runs/small-replayed-max-queue-seed0"
 
 
 def test_decisions_hold_truth_estimates_and_what_was_observed(command, small_net):
@@ -169,6 +176,15 @@ def test_import_under_a_name_then_run_it(command, small_files):
     assert result["scenario"] == "town"
     again = command("net", "import", *named)
     assert again.returncode == 2
+
+
+def test_a_flow_for_a_bundled_dataset(command, tmp_path):
+    files = write(tmp_path, grid_roadnet(3, 4), grid_flows(3, 4))
+    named = ("--roadnet", files[0], "--flow", files[1], "--as", "jinan_1")
+    done = command("net", "import", *named)
+    assert done.returncode == 0, done.stderr
+    result = run_json(command, "--net", "jinan", "--demand", "recorded", "--horizon", 45)
+    assert (result["scenario"], result["demand"]) == ("jinan_1", "recorded")
 
 
 def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):

@@ -67,6 +67,9 @@ def test_ratios_over_strata_and_pairs():
     assert ratio_of([one, other]).value == pytest.approx(1.0)
     assert ratio_of([one]).interval is None
     assert ratio_of([np.zeros((0, 2))]) is None
+    for zero in ([[0.0, 2.0]], [[2.0, 0.0]], [[0.0, 0.0]], [[2.0, 1.0], [3.0, 0.0]]):
+        assert ratio_of([np.array(zero)]) is None
+        assert ratio_of([one, np.array(zero)]) == ratio_of([one])
     assert paired({1: 5.0, 0: 4.0}, {1: 7.0, 2: 8.0}).tolist() == [[5.0, 7.0]]
 
 
@@ -245,11 +248,24 @@ def test_the_command_makes_a_report_and_replaces_it(command, tmp_path):
     assert sorted(p.name for p in out.iterdir()) == ["batch.json", "failures", "report", "runs"]
 
 
+def test_a_metric_that_is_0_has_no_ratios(command, tmp_path):
+    make_batch(command.cwd / "b", tmp_path)
+    done = command("report", "b", "--metric", "mean_queue")
+    assert (done.returncode, done.stderr) == (0, "")
+    text = (command.cwd / "b" / "report" / "report.md").read_text()
+    assert "| max-queue | **0.0 ± 0.0** |" in text
+    assert "+nan" not in text
+    compared = text.partition("## Against the best")[2].partition("\n## ")[0]
+    assert "| max-queue | base | base | base | base |" in compared
+    assert "| max-pressure |" not in compared
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["nothing"], ["results: nothing", "no folder of tsc-batch"]),
         (["b", "--metric", "att_al"], ["--metric", "did you mean att_all?"]),
+        (["b", "--metric", "sim_s_per_wall_s"], ["--metric", "allowed: att_all, att_approach"]),
         (["b", "--out", "other"], ["--out", "something else is in it"]),
         (["b", "b"], ["results", "same method, case and seed"]),
     ],

@@ -7,13 +7,14 @@ from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.run import check_timing
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.network.folder import network_name
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.weights.find import COMMAND
 from tsc_missing.weights.find import FIELD as WEIGHTS
 
-METHODS = "methods"
+METHODS, LACKING = "methods", "have no weights here"  # field and verdict of an error
 
 
 def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...], dict[str, str]]:
@@ -41,7 +42,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         problem = problems[key]
         if problem is None:
             there.append(run)
-        elif problem.field == WEIGHTS or (problem.field == "controller" and run.train):
+        elif problem.field == WEIGHTS:
             method, command = _lacks(run)
             lacking[method] = _also(lacking.get(method), command)
         else:
@@ -51,7 +52,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             METHODS,
             lacking_words(lacking),
             "make them, or run the rest with --skip-unavailable",
-            verdict="have no weights here",
+            verdict=LACKING,
         )
     return tuple(there), lacking
 
@@ -90,7 +91,7 @@ def _problem(run: RunSpec) -> UserError | None:
 def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
     """The scenario of every run by its name; ``UserError`` where a run could not start.
 
-    Each network, demand and pattern of missing data is looked at once.
+    Each network, demand, timing and pattern of missing data is looked at once.
     """
     scenarios: dict[tuple[str, str], Scenario] = {}
     seen: set[tuple[object, ...]] = set()
@@ -104,8 +105,11 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
         demand = (*where, settings.volume, settings.horizon)
         if demand not in seen:
             scenario.demand(settings)
+        timing = (*where, settings.signals)
+        if timing not in seen:
+            check_timing(settings.signals, scenario.folder.network)
         mask = (*where, settings.missing)
         if mask not in seen:
             draw_mask(settings.missing, scenario.folder.network, 1, settings.seed_of_mask)
-        seen |= {demand, mask}
+        seen |= {demand, timing, mask}
     return found

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tsc_missing.batch.check import available, check_scenarios
+from tsc_missing.batch.check import LACKING, METHODS, available, check_scenarios, lacking_words
 from tsc_missing.batch.engine import Engine, alive_file, cluster_engine, local_engine, run_tasks
 from tsc_missing.batch.folder import (
     PLAN,
@@ -100,9 +100,12 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
     """Run what is missing; returns the failures by run.
 
     ``watch`` is called at the start and whenever a run ended, with what tells the state. Ended
-    early, the runs that are finished stay and the table tells of them. Where it cannot start
-    (``UserError``) a new folder goes away again.
+    early, the runs that are finished stay and the table tells of them. Where it cannot start, or
+    no run is left of the suite (``UserError``), a new folder goes away again.
     """
+    if not batch.suite.runs:
+        words = lacking_words(batch.lacking)
+        raise UserError(METHODS, words, "nothing else is in the suite; make some", LACKING)
     with held(batch.out):
         new = not (batch.out / PLAN).exists()
         try:

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tsc_missing.cli.common import DONE, FAILED, INTERRUPTED, make_app, messages, run_app
+from tsc_missing.cli.common import (
+    DONE,
+    FAILED,
+    FINISHED_KEPT,
+    INTERRUPTED,
+    make_app,
+    messages,
+    run_app,
+)
 
 if TYPE_CHECKING:
     from tsc_missing.batch.folder import Failure
@@ -151,7 +159,7 @@ def _print(prepared: "Batch", failures: dict[str, "Failure"], as_json: bool) -> 
 
 def main() -> None:
     """The entry point of ``tsc-batch``."""
-    run_app(app, "tsc-batch")
+    run_app(app, "tsc-batch", FINISHED_KEPT)
 
 
 if __name__ == "__main__":

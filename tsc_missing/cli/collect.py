@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from tsc_missing.cli.common import INTERRUPTED, make_app, messages, run_app
-from tsc_missing.cli.options import option_error
+from tsc_missing.cli.common import FINISHED_KEPT, INTERRUPTED, make_app, messages, run_app
+from tsc_missing.cli.options import missing_rate, option_error
 from tsc_missing.network.folder import bundled_profiles
 from tsc_missing.offline.dataset import EPISODES, Dataset
 from tsc_missing.offline.plan import CollectSettings
@@ -68,7 +68,9 @@ def collect(
     missing: Annotated[
         str, typer.Option(help="Holes of the log: none, random, kriging, lane, burst or mixed.")
     ] = DEFAULT.missing.pattern,
-    rate: Annotated[float, typer.Option(help="Share of the log that is missing, 0 to 1.")] = 0.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Share of the log that is missing, 0 to 1.")
+    ] = None,
     horizon: Annotated[int, typer.Option(help="Simulated seconds of an episode.")] = (
         DEFAULT.horizon
     ),
@@ -88,7 +90,7 @@ def collect(
         unaware=unaware,
         lost=tuple(lost or DEFAULT.lost),
         min_space=min_space,
-        missing={"pattern": missing, "rate": rate},
+        missing={"pattern": missing, "rate": missing_rate(missing, rate)},
         horizon=horizon,
         episodes=episodes,
         seed=seed,
@@ -143,7 +145,7 @@ def _print(dataset: Dataset) -> None:
 
 def main() -> None:
     """The entry point of ``tsc-collect``."""
-    run_app(app, "tsc-collect")
+    run_app(app, "tsc-collect", FINISHED_KEPT)
 
 
 if __name__ == "__main__":

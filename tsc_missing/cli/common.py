@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 DONE, FAILED, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
+NOTHING_KEPT = "nothing was kept"
+FINISHED_KEPT = "what was finished before stays, and the same command goes on"
+
 
 @functools.cache
 def messages() -> "Console":
@@ -36,9 +39,12 @@ def make_app(help_text: str) -> typer.Typer:
     )
 
 
-def run_app(app: typer.Typer, name: str) -> NoReturn:
-    """Run an app: a user's mistake is one line and status 2, Ctrl-C 130, anything else 1."""
-    sys.exit(_status(lambda: app(prog_name=name, standalone_mode=False)))
+def run_app(app: typer.Typer, name: str, kept: str = NOTHING_KEPT) -> NoReturn:
+    """Run an app: a user's mistake is one line and status 2, Ctrl-C 130, anything else 1.
+
+    ``kept`` says what is left after a Ctrl-C that the app did not take itself.
+    """
+    sys.exit(_status(lambda: app(prog_name=name, standalone_mode=False), kept))
 
 
 def run_app_and_leave(app: typer.Typer, name: str) -> NoReturn:
@@ -46,14 +52,14 @@ def run_app_and_leave(app: typer.Typer, name: str) -> NoReturn:
 
     Exit handlers do not run, so the app must have closed what it opened.
     """
-    status = _status(lambda: app(prog_name=name, standalone_mode=False))
+    status = _status(lambda: app(prog_name=name, standalone_mode=False), NOTHING_KEPT)
     for stream in filter(None, (sys.stdout, sys.stderr)):
         with contextlib.suppress(OSError):
             stream.flush()
     os._exit(status)
 
 
-def _status(call: Callable[[], object]) -> int:
+def _status(call: Callable[[], object], kept: str) -> int:
     try:
         result = call()
         print(end="", flush=True)
@@ -72,7 +78,7 @@ def _status(call: Callable[[], object]) -> int:
         messages().print_exception(max_frames=20)
         return FAILED
     if result == INTERRUPTED:
-        _say("interrupted; nothing was kept")
+        _say(f"interrupted; {kept}")
     return result if isinstance(result, int) else DONE
 
 

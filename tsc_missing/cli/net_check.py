@@ -42,8 +42,8 @@ def check(
         net=net, demand=demand, seed=seed, horizon=horizon, sensor={"length": detector_length}
     )
     folder, scenario = find_network(settings)
-    trips = scenario.demand(settings).trips if scenario is not None else None
-    findings = check_network(folder, trips, settings)
+    found = scenario.demand(settings) if scenario is not None else None
+    findings = check_network(folder, found, settings)
     if as_json:
         json.dump(
             {"name": folder.manifest.name, "findings": [f.model_dump() for f in findings]},

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
-from tsc_missing.network.folder import Manifest
+from tsc_missing.network.folder import Manifest, bundled_cities, canonical
 from tsc_missing.paths import user_networks
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -22,6 +22,9 @@ def find_target(as_name: str | None, out: Path | None) -> tuple[Path, str, str]:
     assert as_name is not None
     if not NAME.fullmatch(as_name):
         raise UserError("--as", as_name, "letters, digits, '_', '.', '-', no '/' in it")
+    if as_name in bundled_cities():
+        dataset = canonical(as_name)
+        raise UserError("--as", as_name, f"that always means the bundled {dataset}; another name")
     return user_networks() / as_name, as_name, "--as"
 
 

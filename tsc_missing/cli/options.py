@@ -47,6 +47,13 @@ def _allowed(problem: Any) -> str:
     return str(problem["msg"]).removeprefix("Value error, ")
 
 
+def check_replay(rate: float | None, mask_seed: int | None) -> None:
+    """Raise ``UserError`` for what says how a mask is drawn, where one is replayed instead."""
+    for option, value in (("--rate", rate), ("--mask-seed", mask_seed)):
+        if value is not None:
+            raise UserError(option, value, "it cannot go with --mask, which draws nothing")
+
+
 def missing_rate(pattern: str, rate: float | None, needed: bool = True) -> float:
     """The rate that goes with a pattern; ``needed`` says whether a pattern must have one."""
     if pattern == "none" and rate:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
-from tsc_missing.cli.options import make_settings, missing_rate
+from tsc_missing.cli.options import check_replay, make_settings, missing_rate
 from tsc_missing.config import BELIEF_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
@@ -138,6 +138,8 @@ def run(
     ] = False,
 ) -> None:
     """Run one simulation in closed loop, with sensors missing, and account for it."""
+    if mask is not None:
+        check_replay(rate, mask_seed)
     settings = make_settings(
         net=net,
         demand=demand,
@@ -172,7 +174,7 @@ def run(
         mask_seed=mask_seed,
         horizon=horizon,
     )
-    folder = out if out is not None else _free_folder(settings)
+    folder = out if out is not None else _free_folder(settings, replayed=mask is not None)
     check_writable(folder, "out")
     options = Options(folder, decisions, mask, "gui" if gui else "libsumo")
     prepared = prepare(settings, options)
@@ -184,12 +186,12 @@ def run(
         _print_result(prepared, result, folder)
 
 
-def _free_folder(settings: RunSettings) -> Path:
+def _free_folder(settings: RunSettings, replayed: bool) -> Path:
     missing = settings.missing
+    drawn = [missing.pattern, *([f"{missing.rate:g}"] if missing.pattern != "none" else [])]
     what = [
         Path(settings.net).name,
-        missing.pattern,
-        *([f"{missing.rate:g}"] if missing.pattern != "none" else []),
+        *(["replayed"] if replayed else drawn),
         settings.controller,
         f"seed{settings.seed}",
     ]

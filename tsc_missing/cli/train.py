@@ -233,7 +233,7 @@ def _progress(total: int, done: int, unit: str) -> Iterator[tuple[Show, Callable
 
 def main() -> None:
     """The entry point of ``tsc-train``."""
-    run_app(app, "tsc-train")
+    run_app(app, "tsc-train", "what was saved before, if anything, stays; --resume goes on")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ drawn vehicle walks on by those shares until it leaves the network. With them it
 that it leaves by and takes a shortest way there, and the shares choose among equal ways.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -70,6 +71,11 @@ class DemandProfile(_Part):
             raise ValueError("each road in arrivals must be in one group of exits, or none in any")
         return self
 
+    @property
+    def duration(self) -> float:
+        """How long vehicles arrive [s]."""
+        return float(self.bin * len(next(iter(self.arrivals.values()))))
+
     def graph(self, turns: Turns) -> RoadGraph:
         """The roads of a network with the profile's turn shares."""
         return RoadGraph.of(turns, lambda road: self.road_turns.get(road, self.turns))
@@ -121,7 +127,8 @@ def draw_demand(
         routes = _routes_to_exits(profile, graph, entries, entry, rng)
     else:
         routes = walk(graph, entries[entry], rng)
-    return Demand.of(map(Trip, departs.tolist(), routes))
+    demand = Demand.of(map(Trip, departs.tolist(), routes))
+    return replace(demand, duration=profile.duration)
 
 
 def _check_roads(profile: DemandProfile, turns: Turns, graph: RoadGraph) -> None:

@@ -1,5 +1,6 @@
 """Trips: who enters where, when, and by which roads; and their SUMO route file."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,17 @@ class Demand:
 
     trips: tuple[Trip, ...]
     types: tuple[str, ...] = ()
+    duration: float = math.inf  # [s] after the begin that the source says it lasts, if it does
+
+    @property
+    def span(self) -> float:
+        """How long vehicles depart [s]: what the source says, but no longer than it is true.
+
+        An import may have read up to a time that its files do not reach. Demands come in hours,
+        so the one of the last departure is whole.
+        """
+        last = self.trips[-1].depart if self.trips else 0.0
+        return min(self.duration, 3600.0 * (last // 3600.0 + 1.0))
 
     @classmethod
     def of(cls, trips: Iterable[Trip], types: Iterable[str] = ()) -> "Demand":
@@ -49,6 +61,8 @@ def turning_flows(
     demand: Sequence[Trip], network: Network, horizon: float
 ) -> npt.NDArray[np.float64]:
     """(N, 12): vehicles per hour that the trips departing within ``horizon`` [s] send to a slot.
+
+    The mean over ``horizon``, which should not be longer than there is demand.
 
     This is the turning count that a signal plan is designed with: the volume that wants to pass,
     whether or not it can.

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from tsc_missing.config import RunSettings, VehicleType
 from tsc_missing.controllers.fixed_time import critical_ratios
 from tsc_missing.demand.generate import BIN, entry_warnings
-from tsc_missing.demand.trips import Trip, turning_flows
+from tsc_missing.demand.trips import Demand, turning_flows
 from tsc_missing.network.folder import NetworkFolder
 from tsc_missing.network.model import Network
 from tsc_missing.network.records import IntersectionRecord
@@ -36,9 +36,9 @@ class Finding(BaseModel):
 
 
 def check_network(
-    folder: NetworkFolder, trips: Sequence[Trip] | None, settings: RunSettings
+    folder: NetworkFolder, demand: Demand | None, settings: RunSettings
 ) -> list[Finding]:
-    """All that is odd; ``trips`` are the demand, if there is one."""
+    """All that is odd, in the demand too if there is one."""
     import sumolib
 
     net = sumolib.net.readNet(str(folder.net_file), withPrograms=True)
@@ -48,7 +48,7 @@ def check_network(
         *_signals(net, network),
         *_phases(network),
         *_lanes(net, network, settings.sensor.length),
-        *(_demand(net, network, trips, settings) if trips is not None else []),
+        *(_demand(net, network, demand, settings) if demand is not None else []),
         *(Finding(about="import", text=note) for note in folder.manifest.notes or ()),
     ]
     return [finding for finding in findings if finding.places or finding.about == "import"]
@@ -192,11 +192,9 @@ def _lanes(net: Any, network: Network, detector: float) -> list[Finding]:
     ]
 
 
-def _demand(
-    net: Any, network: Network, trips: Sequence[Trip], settings: RunSettings
-) -> list[Finding]:
-    horizon = settings.horizon
-    flows = turning_flows(trips, network, horizon)
+def _demand(net: Any, network: Network, demand: Demand, settings: RunSettings) -> list[Finding]:
+    trips, horizon = demand.trips, settings.horizon
+    flows = turning_flows(trips, network, min(horizon, demand.span))
     load = critical_ratios(network, flows).sum(axis=1)
     idle = [
         f"{node.id} {phase.name}"

@@ -97,10 +97,12 @@ Explore = Callable[[Moment], None]
 
 def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     """What the controller knows before the first step."""
-    signals = settings.signals
+    signals, demand = settings.signals, scene.demand
     return ControlContext(
         network=scene.network,
-        turning_flows=turning_flows(scene.demand.trips, scene.network, settings.horizon),
+        turning_flows=turning_flows(
+            demand.trips, scene.network, min(settings.horizon, demand.span)
+        ),
         sensors=np.any(scene.mask, axis=0),
         decision_interval=signals.decision_interval,
         lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,

@@ -131,15 +131,16 @@ def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
 def describe(prepared: Prepared, result: Result) -> dict[str, object]:
     """The content of ``run.json``: settings, what they resolved to, versions, result."""
     scenario = prepared.scenario
-    controller = prepared.controller
+    controller, mask = prepared.controller, prepared.options.mask_file
+    replayed = {f"mask: {mask.name}": sha256(mask)} if mask is not None else {}
     return {
         "settings": prepared.settings.model_dump(mode="json"),
         "scenario": scenario.name,
         "demand": scenario.demand_kind,
         "begin": scenario.folder.begin,
         "engine": prepared.options.engine,
-        "mask": "replayed" if prepared.options.mask_file else "drawn",
-        "checksums": checksums(prepared.settings, scenario),
+        "mask": "replayed" if replayed else "drawn",
+        "checksums": {**checksums(prepared.settings, scenario), **replayed},
         "versions": versions(),
         "git": git_revision(),
         "fallback_error": controller.last_error if isinstance(controller, Safe) else "",

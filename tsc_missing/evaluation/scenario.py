@@ -1,6 +1,7 @@
 """From names to a network and its demand: what ``--net`` and ``--demand`` mean."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,9 +15,9 @@ from tsc_missing.files import sha256
 from tsc_missing.network.folder import (
     MANIFEST,
     NetworkFolder,
-    bundled_cities,
     bundled_profiles,
     canonical,
+    city_of,
     imported_networks,
     read_folder,
     unknown_network,
@@ -46,7 +47,8 @@ class Scenario:
                 raise UserError(
                     "volume", settings.volume, f"{self.demand_kind} demand has only volume 1"
                 )
-            return read_routes(self.demand_file, settings.horizon, self.folder.begin)
+            demand = read_routes(self.demand_file, settings.horizon, self.folder.begin)
+            return replace(demand, duration=self.folder.manifest.horizon or math.inf)
         turns = record_turns(self.folder.network.record)
         profile = read_profile(self.demand_file)
         return draw_demand(profile, turns, settings.seed, settings.volume, settings.horizon)
@@ -90,8 +92,7 @@ def find_scenario(net: str, demand: Literal["auto", "profile", "recorded"]) -> S
 
 
 def _bundled(name: str, profile: Path) -> Scenario:
-    city = next(city for city in bundled_cities() if name.startswith(f"{city}_"))
-    folder = read_folder(bundled("networks") / city, name)
+    folder = read_folder(bundled("networks") / city_of(name), name)
     return Scenario(name, folder, "profile", profile)
 
 

@@ -145,6 +145,26 @@ def network_name(net: str) -> str:
     return Path(canonical(net)).resolve().name
 
 
+def city_of(dataset: str) -> str:
+    """The bundled network that a bundled dataset is on."""
+    return next(city for city in bundled_cities() if dataset.startswith(f"{city}_"))
+
+
+def check_dataset(target: Path, name: str, record: NetworkRecord, field: str) -> None:
+    """Raise ``UserError`` where another network would be found under a bundled dataset's name."""
+    if target.parent != user_networks() or name not in bundled_profiles():
+        return
+    city = city_of(name)
+    ours = read_folder(bundled("networks") / city, city).network.ids
+    if set(ours) != {node.id for node in record.intersections}:
+        raise UserError(
+            field,
+            name,
+            f"that is the bundled dataset with {len(ours)} intersections from {ours[0]} to "
+            f"{ours[-1]}, and this network has others; give it another name",
+        )
+
+
 def unknown_network(name: str) -> UserError:
     """The error for a name that is neither bundled nor imported nor a folder."""
     known = {*bundled_profiles(), *bundled_cities(), *imported_networks()}

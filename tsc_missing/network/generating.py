@@ -23,6 +23,7 @@ from tsc_missing.network.folder import (
     ROUTES,
     Manifest,
     builder_versions,
+    check_dataset,
     write_manifest,
 )
 from tsc_missing.network.grid import Cell, GridSpec, build_grid, grid_roads, is_inside
@@ -70,6 +71,7 @@ def generate_network(recipe: Recipe, target: Path, name: str, field: str) -> Man
         write_net(plain, folder / NET)
         source = open_net(folder / NET)
         record = compile_sumo(source, near_side_free=True)
+        check_dataset(target, name, record, field)
         write_record(record, folder / RECORD)
         write_routes(demand, VehicleType(), folder / ROUTES)
         notes = [*_warnings(plain, entries, recipe), *source.notes]

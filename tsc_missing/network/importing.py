@@ -14,6 +14,7 @@ from tsc_missing.network.folder import (
     ROUTES,
     Manifest,
     builder_versions,
+    check_dataset,
     write_manifest,
 )
 from tsc_missing.network.netconvert import write_net
@@ -47,6 +48,7 @@ def import_cityflow(
     demand = read_flow(flow, plain, horizon) if flow is not None else None
     with whole_folder(target, field) as folder:
         record = build_network(plain, folder)
+        check_dataset(target, name, record, field)
         if demand is not None:
             write_routes(demand, VehicleType(), folder / ROUTES)
         manifest = Manifest(

@@ -21,6 +21,7 @@ from tsc_missing.network.folder import (
     SIGNALS,
     Manifest,
     builder_versions,
+    check_dataset,
     write_manifest,
 )
 from tsc_missing.network.osm import convert_osm
@@ -71,6 +72,7 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
         additional = read_additional(files.additional)
         source = open_net(files.net, additional.states, wanted.field, wanted.named(files))
         record = compile_sumo(source, wanted.signals, wanted.all_phases)
+        check_dataset(target, name, record, field)
         begin, horizon = _times(wanted, files)
         found = _demand(wanted, files, additional, source, begin, horizon)
         left_out = [f"{n} {kind}" for kind, n in sorted(additional.left_out.items())]

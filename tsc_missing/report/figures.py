@@ -166,9 +166,10 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
                 for case in _rates(results, dataset, group).values()
                 if case in trained and results.of(dataset, case, trained[case])
             ]
-            if len(cases) > 1:
+            matrix = _generalisation(results, dataset, cases, trained, metric)
+            if len(cases) > 1 and np.isfinite(matrix).any():
                 wanted.append((dataset, group, cases))
-                matrices.append(_generalisation(results, dataset, cases, trained, metric))
+                matrices.append(matrix)
     if not wanted:
         return None
     away = max(0.05, max(float(np.nanmax(np.abs(m - 1))) for m in matrices))
@@ -206,13 +207,13 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
 def _generalisation(
     results: Results, dataset: str, cases: Sequence[str], trained: dict[str, str], metric: str
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(row: trained on, column: tested on)."""
+    """(row: trained on, column: tested on); NaN without results, or where the own is 0."""
     matrix = np.full((len(cases), len(cases)), np.nan)
     for row, source in enumerate(cases):
         for column, case in enumerate(cases):
             there = mean_of(list(results.values(dataset, case, trained[source], metric).values()))
             own = mean_of(list(results.values(dataset, case, trained[case], metric).values()))
-            if there is not None and own is not None:
+            if there is not None and own is not None and own.value > 0:
                 matrix[row, column] = there.value / own.value
     return matrix
 

@@ -50,9 +50,10 @@ def ratio_of(strata: Sequence[FloatArray], seed: int = 0) -> Ratio | None:
 
     ``strata`` are (n, 2) pairs of one dataset and case each: the ratio is the geometric mean over
     them of the ratio of means. The interval is the percentile bootstrap's at 95 %, where the
-    pairs are drawn anew within each stratum; strata of one pair only are as they are.
+    pairs are drawn anew within each stratum; strata of one pair only are as they are. Strata with
+    a value of 0 have no such ratio and are left out.
     """
-    strata = [pairs for pairs in strata if len(pairs)]
+    strata = [pairs for pairs in strata if len(pairs) and (pairs > 0).all()]
     if not strata:
         return None
     value = math.exp(float(np.mean([_log_ratio(pairs) for pairs in strata])))
