@@ -8,7 +8,14 @@ from tests.networks import grid_network, tee_network
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.check import check_controller
-from tsc_missing.controllers.registry import BLIND, CONTROLLERS, LEARNED, NATIVE, make_controller
+from tsc_missing.controllers.registry import (
+    BLIND,
+    CONTROLLERS,
+    LEARNED,
+    NATIVE,
+    make_controller,
+    resolved,
+)
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 
@@ -49,6 +56,16 @@ def test_controllers_that_need_values_get_an_imputer_and_the_rule_for_blind_inte
 
 def test_the_default_settings_can_be_had():
     make_controller(DEFAULTS.controller, DEFAULTS.imputer, DEFAULTS.blind)
+
+
+def test_what_the_default_settings_are_in_a_run():
+    shipped = {"min_space": 9, "sampling_steps": 3, "weights": ["universal", "lookahead"]}
+    assert resolved(DEFAULTS) == {"blind": "clustered", **shipped}
+    inverse = RunSettings(diffusion={"scoring": "inverse"})
+    guided = {"min_space": 0, "sampling_steps": 10, "weights": ["universal"]}
+    assert resolved(inverse) == {"blind": "fixed-time", **guided}
+    rule = RunSettings(controller="max-queue", blind="none")
+    assert resolved(rule) == {"blind": "none", "min_space": 0, "sampling_steps": 3, "weights": []}
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,22 @@ def min_space_of(settings: RunSettings) -> int:
     return space
 
 
+def resolved(settings: RunSettings) -> dict[str, object]:
+    """What the settings that go by the controller are in a run: those that are "auto" or None.
+
+    They say nothing of controllers that decide on no values.
+    """
+    name, diffusion = settings.controller, diffusion_of(settings)
+    rule = settings.blind
+    guided = name == DIFFLIGHT_PAPER or (name == DIFFLIGHT and is_guided(diffusion.scoring))
+    return {
+        "blind": _blind_rule(name, settings.imputer, diffusion) if rule == "auto" else rule,
+        "min_space": min_space_of(settings),
+        "sampling_steps": diffusion.reverse_steps(guided),
+        "weights": list(weights_of(settings)),
+    }
+
+
 def bounded(controller: Controller, max_red: int) -> Controller:
     """The controller with a maximum red [s], or as it is where that is 0."""
     return MaxRed(controller, max_red) if max_red else controller

@@ -7,7 +7,7 @@ from pathlib import Path
 from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.fallback import Safe
-from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
+from tsc_missing.controllers.registry import NATIVE, controller_of, resolved, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
@@ -135,6 +135,7 @@ def describe(prepared: Prepared, result: Result) -> dict[str, object]:
     replayed = {f"mask: {mask.name}": sha256(mask)} if mask is not None else {}
     return {
         "settings": prepared.settings.model_dump(mode="json"),
+        "resolved": resolved(prepared.settings),
         "scenario": scenario.name,
         "demand": scenario.demand_kind,
         "begin": scenario.folder.begin,
