@@ -8,7 +8,8 @@ from tsc_missing.network.records import IntersectionRecord
 
 MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
 GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
-BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md)
+BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md),
+BLIND_STEPS = 10  # but not at intersections without a sensor
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
 
 
@@ -121,9 +122,10 @@ class DiffusionSettings(Settings):
     samples: int = Field(4, ge=1)  # of what may be where nothing is seen, for scoring "value"
     scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
 
-    def reverse_steps(self, guided: bool) -> int:
-        """Reverse steps a decision: what is set, or the default of what is generated."""
-        return self.sampling_steps or (GUIDED_STEPS if guided else BELIEF_STEPS)
+    def reverse_steps(self, guided: bool) -> tuple[int, int]:
+        """Reverse steps a decision where there are sensors, and at intersections without any."""
+        default = (GUIDED_STEPS, GUIDED_STEPS) if guided else (BELIEF_STEPS, BLIND_STEPS)
+        return default if self.sampling_steps is None else (self.sampling_steps,) * 2
 
 
 class RunSettings(Settings):

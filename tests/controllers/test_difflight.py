@@ -269,14 +269,14 @@ def test_the_memory_holds_the_last_steps_and_nothing_from_before_the_first():
 @pytest.mark.parametrize(
     ("options", "steps"),
     [
-        ({}, 3),
-        ({"diffusion": {"scoring": "queue"}}, 3),
-        ({"diffusion": {"scoring": "inverse"}}, 10),
-        ({"diffusion": {"scoring": "mixed"}}, 10),
-        ({"diffusion": {"scoring": "mixed", "sampling_steps": 4}}, 4),
-        ({"diffusion": {"sampling_steps": 10}}, 10),
-        ({"controller": "max-queue", "imputer": "diffusion"}, 3),
-        ({"controller": "difflight-paper"}, 10),
+        ({}, (3, 10)),
+        ({"diffusion": {"scoring": "queue"}}, (3, 10)),
+        ({"diffusion": {"scoring": "inverse"}}, (10, 10)),
+        ({"diffusion": {"scoring": "mixed"}}, (10, 10)),
+        ({"diffusion": {"scoring": "mixed", "sampling_steps": 4}}, (4, 4)),
+        ({"diffusion": {"sampling_steps": 10}}, (10, 10)),
+        ({"controller": "max-queue", "imputer": "diffusion"}, (3, 10)),
+        ({"controller": "difflight-paper"}, (10, 10)),
     ],
 )
 def test_few_reverse_steps_unless_rewards_guide_the_plan(options, steps, monkeypatch):
@@ -284,8 +284,8 @@ def test_few_reverse_steps_unless_rewards_guide_the_plan(options, steps, monkeyp
 
     class Watched(Planner):
         def __init__(self, weights, sampling_steps, *further, **named):
-            made.append(sampling_steps)
             super().__init__(weights, sampling_steps, *further, **named)
+            made.append((self._sampling_steps, self._blind_steps))
 
     monkeypatch.setattr(planner, "Planner", Watched)
     published = options.get("controller") == "difflight-paper"

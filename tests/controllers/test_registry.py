@@ -59,13 +59,18 @@ def test_the_default_settings_can_be_had():
 
 
 def test_what_the_default_settings_are_in_a_run():
-    shipped = {"min_space": 9, "sampling_steps": 3, "weights": ["universal", "lookahead"]}
+    shipped = {"min_space": 9, "sampling_steps": [3, 10], "weights": ["universal", "lookahead"]}
     assert resolved(DEFAULTS) == {"blind": "clustered", **shipped}
     inverse = RunSettings(diffusion={"scoring": "inverse"})
-    guided = {"min_space": 0, "sampling_steps": 10, "weights": ["universal"]}
+    guided = {"min_space": 0, "sampling_steps": [10, 10], "weights": ["universal"]}
     assert resolved(inverse) == {"blind": "fixed-time", **guided}
     rule = RunSettings(controller="max-queue", blind="none")
-    assert resolved(rule) == {"blind": "none", "min_space": 0, "sampling_steps": 3, "weights": []}
+    assert resolved(rule) == {
+        "blind": "none",
+        "min_space": 0,
+        "sampling_steps": [3, 10],
+        "weights": [],
+    }
 
 
 @pytest.mark.parametrize(

@@ -45,15 +45,19 @@ class DiffLight(Controller):
         scoring: Scoring = "inverse",
         q_weights: Path | None = None,
         samples: int = 1,
+        blind_steps: int | None = None,
     ) -> None:
         """Load the weights; ``sampling_steps`` reverse steps a decision.
+
+        At intersections without a sensor ``blind_steps``, if there are more of them.
 
         ``q_weights`` are those of the Q-network for the scoring "value", which takes the mean
         value over ``samples`` of what may be where nothing is known. Raises ``UserError`` for
         weights that cannot be used.
         """
+        copies = samples if scoring == "value" else 1
         self._planner = load_planner(
-            weights, sampling_steps, is_guided(scoring), samples if scoring == "value" else 1
+            weights, sampling_steps, is_guided(scoring), copies, blind_steps
         )
         self._scoring = scoring
         self._q = None if q_weights is None else load_q(q_weights)
@@ -128,14 +132,20 @@ def best_finite(scores: FloatArray) -> IntArray:
     return np.where(usable, best, NO_PHASE).astype(np.int64)
 
 
-def load_planner(weights: Path, sampling_steps: int, guided: bool, samples: int = 1) -> Planner:
+def load_planner(
+    weights: Path,
+    sampling_steps: int,
+    guided: bool,
+    samples: int = 1,
+    blind_steps: int | None = None,
+) -> Planner:
     """The model of a weights file, ready to plan; imports torch.
 
     Raises ``UserError`` for weights that cannot be used.
     """
     from tsc_missing.controllers.planner import Planner
 
-    return Planner(weights, sampling_steps, guided, samples)
+    return Planner(weights, sampling_steps, guided, samples, blind_steps)
 
 
 def load_q(weights: Path) -> Callable[[ControlContext], PhaseValues]:

@@ -13,6 +13,7 @@ from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.diffusion.config import Precision
 from tsc_missing.diffusion.history import History
 from tsc_missing.diffusion.memory import keep_freed_memory
+from tsc_missing.diffusion.pace import Pace
 from tsc_missing.diffusion.samples import all_samples, unseen, with_copies
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
@@ -51,8 +52,18 @@ class Planner:
     from the context's seed.
     """
 
-    def __init__(self, weights: Path, sampling_steps: int, guided: bool, samples: int = 1) -> None:
+    def __init__(
+        self,
+        weights: Path,
+        sampling_steps: int,
+        guided: bool,
+        samples: int = 1,
+        blind_steps: int | None = None,
+    ) -> None:
         """Load the model; not ``guided`` leaves rewards out, for imputation only.
+
+        ``sampling_steps`` reverse steps a decision, at intersections without a sensor
+        ``blind_steps`` if there are more of them (None: as many).
 
         ``samples`` M are generated of intersections of which nothing is known; of all others, and
         where there are none, one.
@@ -63,11 +74,12 @@ class Planner:
         self.model, self.manifest = load_weights(weights)
         self.model.use(PRECISION)
         most = self.model.config.diffusion_steps
+        self._sampling_steps = sampling_steps
+        self._blind_steps = min(blind_steps or sampling_steps, most)
         if not 1 <= sampling_steps <= most:
             raise UserError(
                 "sampling_steps", sampling_steps, f"with these weights it must be 1 to {most}"
             )
-        self._sampling_steps = sampling_steps
         self._guided = guided
         self._copies = samples - 1
         torch.set_num_threads(THREADS)
@@ -98,7 +110,8 @@ class Planner:
         if self._copies and len(rows):
             history = with_copies(history, rows, self._copies)
             noise.append(self.model.initial_noise(self._copies * len(rows), self._generator))
-        plan = self.model.plan(history, torch.cat(noise), self._sampling_steps, self._guided)
+        steps, pace = self._pace(history)
+        plan = self.model.plan(history, torch.cat(noise), steps, self._guided, pace)
         return Planned(
             samples=all_samples(plan.imputed, rows, count).double().numpy(),
             red_steps=self._recent.red_steps,
@@ -106,6 +119,13 @@ class Planner:
             future=plan.future[:count].double().numpy(),
             logits=plan.logits[:count].double().numpy(),
         )
+
+    def _pace(self, history: History) -> tuple[int, Pace | None]:
+        """The reverse steps of a decision, and who takes fewer."""
+        blind = (~(history.observable & history.slots).any(dim=1)).nonzero().squeeze(1)
+        if self._blind_steps <= self._sampling_steps or not len(blind):
+            return self._sampling_steps, None
+        return self._blind_steps, Pace(blind, self._sampling_steps)
 
     def _history(self) -> History:
         recent = self._recent

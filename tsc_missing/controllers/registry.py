@@ -183,7 +183,7 @@ def resolved(settings: RunSettings) -> dict[str, object]:
     return {
         "blind": _blind_rule(name, settings.imputer, diffusion) if rule == "auto" else rule,
         "min_space": min_space_of(settings),
-        "sampling_steps": diffusion.reverse_steps(guided),
+        "sampling_steps": list(diffusion.reverse_steps(guided)),  # seen and blind intersections
         "weights": list(weights_of(settings)),
     }
 
@@ -215,19 +215,21 @@ def _blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
 
 def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
     values = LOOKAHEAD if q_weights == "auto" else q_weights
+    steps, blind_steps = settings.reverse_steps(is_guided(settings.scoring))
     return DiffLight(
         find_weights(settings.weights),
-        settings.reverse_steps(guided=is_guided(settings.scoring)),
+        steps,
         settings.scoring,
         find_weights(values) if by_value(DIFFLIGHT, settings) else None,
         settings.samples,
+        blind_steps,
     )
 
 
 def _published(settings: DiffusionSettings) -> Controller:
     """The method as its paper has it: the inverse dynamics decides, everywhere."""
     path = find_weights(settings.weights)
-    controller = DiffLight(path, settings.reverse_steps(guided=True), "inverse")
+    controller = DiffLight(path, settings.reverse_steps(guided=True)[0], "inverse")
     if not controller.is_published:
         raise UserError(
             "weights",

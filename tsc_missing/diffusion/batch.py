@@ -1,6 +1,7 @@
 """What the model is given: windows of trajectories, masks and neighbours."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -62,6 +63,20 @@ class TrainingBatch:
     phase_mask: Tensor  # (B, P) bool
     action: Tensor  # (B,) int: the phase that ran from now (step C - 1) to the next step
     action_known: Tensor  # (B,) bool: both ends of that transition are recorded
+
+
+def rows_of(inputs: Inputs, rows: Tensor) -> Inputs:
+    """The inputs of some windows only, of ``rows`` (R,) of the B."""
+
+    def picked(part: object) -> dict[str, Any]:
+        return {name: value[rows] for name, value in vars(part).items() if torch.is_tensor(value)}
+
+    return replace(
+        inputs,
+        **picked(inputs),
+        neighbours=Neighbours(**picked(inputs.neighbours)),
+        downstream=Downstream(**picked(inputs.downstream)),
+    )
 
 
 def group_table(neighbours: Tensor, slots: Tensor) -> Tensor:

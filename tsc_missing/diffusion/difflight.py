@@ -12,6 +12,7 @@ from tsc_missing.diffusion.ddim import sample
 from tsc_missing.diffusion.history import History, Plan, inputs_at_inference
 from tsc_missing.diffusion.inverse_dynamics import InverseDynamics, phase_means
 from tsc_missing.diffusion.noise_model import NoiseModel
+from tsc_missing.diffusion.pace import Pace, paced
 from tsc_missing.diffusion.prcd import combine
 from tsc_missing.diffusion.scaling import Scaling
 from tsc_missing.diffusion.schedule import CosineSchedule
@@ -108,11 +109,17 @@ class DiffLightModel(nn.Module):
 
     @torch.inference_mode()
     def plan(
-        self, history: History, noise: Tensor, sampling_steps: int, guided: bool = True
+        self,
+        history: History,
+        noise: Tensor,
+        sampling_steps: int,
+        guided: bool = True,
+        pace: Pace | None = None,
     ) -> Plan:
         """Fill the history, plan the future and score the phases of all N intersections.
 
         ``noise`` (N, T, L, F') is x^K; not ``guided`` leaves the reward out, for imputation only.
+        By a ``pace`` most intersections take fewer reverse steps.
         """
         config = self.config
         table = group_table(history.neighbours, history.slots)
@@ -122,13 +129,14 @@ class DiffLightModel(nn.Module):
         x0 = self._with_green(values, _padded(history.green, config.horizon))
         known = self._known(inputs)
 
-        def denoise(x: Tensor, k: Tensor) -> Tensor:
-            return self._x0(x, k, talk.inputs, guided)
+        def estimate(x: Tensor, k: Tensor, due: Inputs) -> Tensor:
+            return self._x0(x, k, due, guided)
 
         def after_step(x: Tensor, estimate: Tensor) -> Tensor:
             talk.exchange(estimate[..., :N_FEATURES])
             return torch.where(known, x0, x)
 
+        denoise = paced(estimate, lambda: talk.inputs, self.schedule, sampling_steps, pace)
         start = torch.where(known, x0, noise)
         x = sample(self.schedule, denoise, start, sampling_steps, after_step)
         made = blank(x[..., :N_FEATURES], inputs.slots.unsqueeze(1))

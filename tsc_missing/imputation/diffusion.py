@@ -22,12 +22,16 @@ class DiffusionImputer(Imputer):
     report.
     """
 
-    def __init__(self, weights: Path, sampling_steps: int = BELIEF_STEPS) -> None:
+    def __init__(
+        self, weights: Path, sampling_steps: int = BELIEF_STEPS, blind_steps: int | None = None
+    ) -> None:
         """Load the weights; ``sampling_steps`` reverse steps a decision.
+
+        At intersections without a sensor ``blind_steps``, if there are more of them.
 
         Raises ``UserError`` for weights that cannot be used.
         """
-        self._planner = load_planner(weights, sampling_steps, guided=False)
+        self._planner = load_planner(weights, sampling_steps, guided=False, blind_steps=blind_steps)
 
     def reset(self, context: ControlContext) -> None:
         """Forget everything and get ready for a run on the context's network."""

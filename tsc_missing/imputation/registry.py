@@ -32,8 +32,6 @@ def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imput
     """A new imputer by its name; ``UserError`` names the nearest where there is none."""
     if name == DIFFUSION:
         settings = diffusion or DiffusionSettings()
-        return DiffusionImputer(
-            find_weights(settings.weights), settings.reverse_steps(guided=False)
-        )
+        return DiffusionImputer(find_weights(settings.weights), *settings.reverse_steps(False))
     check_imputer(name)
     return IMPUTERS[name]()

@@ -1,0 +1,52 @@
+"""Fewer reverse steps for most rows of a plan: what is seen needs less than what is not."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from tsc_missing.diffusion.batch import Inputs, rows_of
+from tsc_missing.diffusion.ddim import Denoiser
+from tsc_missing.diffusion.schedule import CosineSchedule
+
+Estimate = Callable[[Tensor, Tensor, Inputs], Tensor]  # x^k, k (1,) and inputs to x̂^0
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Which rows of a plan take all of its reverse steps; the others take ``few``."""
+
+    rows: Tensor  # (R,)
+    few: int  # at least 1
+
+
+def paced(
+    estimate: Estimate,
+    inputs: Callable[[], Inputs],
+    schedule: CosineSchedule,
+    steps: int,
+    pace: Pace | None,
+) -> Denoiser:
+    """A denoiser for ``steps`` reverse steps; by a ``pace`` only at ``few`` of them of all rows.
+
+    Between them only ``pace.rows`` are estimated; the others keep their last x̂^0, which for DDIM
+    is one longer step. ``inputs`` gives those of the reverse step that is due.
+    """
+    if pace is None:
+        return lambda x, k: estimate(x, k, inputs())
+    rows, few = pace.rows, min(pace.few, steps)
+    ks = schedule.sampling_steps(steps)
+    full = {ks[round(turn * steps / few)] for turn in range(few)}
+    held = torch.empty(0)
+
+    def denoise(x: Tensor, k: Tensor) -> Tensor:
+        nonlocal held
+        if int(k) in full:
+            held = estimate(x, k, inputs())
+        else:
+            held = held.clone()
+            held[rows] = estimate(x[rows], k, rows_of(inputs(), rows))
+        return held
+
+    return denoise
