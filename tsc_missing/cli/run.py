@@ -10,7 +10,7 @@ import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
 from tsc_missing.cli.options import check_replay, make_settings, missing_rate
-from tsc_missing.config import BELIEF_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
+from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -51,7 +51,8 @@ def run(
         int | None,
         typer.Option(
             help="Diffusion: reverse steps a decision.",
-            show_default=f"{BELIEF_STEPS}; {GUIDED_STEPS} where rewards guide the plan",
+            show_default=f"{BELIEF_STEPS}, at intersections without a sensor {BLIND_STEPS}; "
+            f"{GUIDED_STEPS} where rewards guide the plan",
         ),
     ] = DEFAULT.diffusion.sampling_steps,
     samples: Annotated[
