@@ -42,9 +42,9 @@ def check_target(target: Path) -> None:
 
 
 def is_report(folder: Path) -> bool:
-    """Whether there is nothing in a folder but a report."""
+    """Whether there is nothing in a folder but a report, with its HTML page or without."""
     names = {path.name for path in folder.iterdir()}
-    return {MARKDOWN, HTML} <= names <= {MARKDOWN, HTML, FIGURES}
+    return {MARKDOWN} <= names <= {MARKDOWN, HTML, FIGURES}
 
 
 def write_report(
