@@ -173,8 +173,8 @@ def _paper(results: Results) -> list[str]:
     lines += rows
     if times:
         lines += [
-            "Decision times, and as multiples of that of the fewest sampling steps (the paper's "
-            "are of its own machine):",
+            "Decision times, and as multiples of that of the fewest sampling steps that the paper "
+            "has (the paper's are of its own machine):",
             *times,
         ]
     return lines
