@@ -80,6 +80,18 @@ def check_poison(network, make, masks, sensors=None, beside=False):
     assert ((plain >= 0) & (plain < network.phase_mask.sum(axis=1))).all()
 
 
+def check_bounded(network, name, blind):
+    """As ``check_poison``, for a controller with both bounds beside blind intersections."""
+    masks = blind_in_places(network)
+    check_poison(
+        network,
+        lambda: make_controller(name, "sfm-4", blind, **BOUNDS),
+        masks,
+        sensors=masks.any(axis=0),
+        beside=True,
+    )
+
+
 @pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
 @pytest.mark.parametrize("name", CONTROLLERS)
 @pytest.mark.parametrize("imputer", IMPUTERS)
@@ -94,14 +106,7 @@ def test_poison_under_the_mask_changes_no_decision(network, name, imputer, blind
 @pytest.mark.parametrize("blind", BLIND)
 def test_nor_with_maximum_red_and_room_kept_beside_blind_intersections(network, name, blind):
     """Nor does what lies in an observation itself where its mask says that nothing reported."""
-    masks = blind_in_places(network)
-    check_poison(
-        network,
-        lambda: make_controller(name, "sfm-4", blind, **BOUNDS),
-        masks,
-        sensors=masks.any(axis=0),
-        beside=True,
-    )
+    check_bounded(network, name, blind)
 
 
 @needs_torch
@@ -109,15 +114,7 @@ def test_nor_with_maximum_red_and_room_kept_beside_blind_intersections(network, 
 @pytest.mark.parametrize("name", LEARNED)
 @pytest.mark.parametrize("blind", BLIND)
 def test_nor_of_learned_policies(name, blind):
-    network = NETWORKS["tee"]
-    masks = blind_in_places(network)
-    check_poison(
-        network,
-        lambda: make_controller(name, "sfm-4", blind, **BOUNDS),
-        masks,
-        sensors=masks.any(axis=0),
-        beside=True,
-    )
+    check_bounded(NETWORKS["tee"], name, blind)
 
 
 @pytest.mark.parametrize("bound", BOUNDS)
