@@ -11,7 +11,8 @@ from tsc_missing.baselines.controller import BaselineController
 from tsc_missing.batch.check import available
 from tsc_missing.batch.suite import read_suite
 from tsc_missing.config import RunSettings, SignalSettings
-from tsc_missing.controllers.registry import controller_of, uses_weights, weights_of
+from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.resolved import uses_weights, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 

@@ -6,7 +6,7 @@ from tsc_missing.batch.check import available
 from tsc_missing.batch.keys import leaves, nested
 from tsc_missing.batch.suite import bundled_suites, read_suite
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.registry import weights_of
+from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.paths import bundled
 from tsc_missing.report.paper import Condition, find_number, paper_numbers, parse_condition

@@ -17,7 +17,8 @@ from tsc_missing.config import DiffusionSettings, MissingSettings, RunSettings, 
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.difflight import DiffLight
-from tsc_missing.controllers.registry import controller_of, weights_of
+from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.weights import save_weights
 from tsc_missing.errors import UserError

@@ -7,15 +7,10 @@ from tests.controllers.helpers import context, cross_and_tee, observe
 from tests.networks import grid_network, tee_network
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.catalogue import CONTROLLERS, LEARNED, NATIVE, needs_values
 from tsc_missing.controllers.check import check_controller
-from tsc_missing.controllers.registry import (
-    BLIND,
-    CONTROLLERS,
-    LEARNED,
-    NATIVE,
-    make_controller,
-    resolved,
-)
+from tsc_missing.controllers.registry import BLIND, make_controller
+from tsc_missing.controllers.resolved import resolved
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 
@@ -25,7 +20,7 @@ PLENTY = 40  # [vehicles a lane] so much that some slots of these networks are a
 needs_torch = pytest.mark.skipif(
     importlib.util.find_spec("torch") is None, reason="Q-networks need torch"
 )
-COMPOSED = [name for name, entry in CONTROLLERS.items() if entry.needs_values]
+COMPOSED = [name for name in CONTROLLERS if needs_values(name)]
 COMPOSED += [pytest.param(name, marks=needs_torch) for name in LEARNED]
 
 

@@ -16,11 +16,12 @@ from tests.controllers.helpers import (
     with_holes,
 )
 from tests.networks import context_for, grid_network, tee_network
-from tsc_missing.config import DiffusionSettings, RunSettings
+from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
-from tsc_missing.controllers.registry import MIN_SPACE, make_controller, min_space_of
+from tsc_missing.controllers.registry import make_controller
+from tsc_missing.controllers.resolved import min_space_of
 from tsc_missing.controllers.spillback import Spillback, storage
 
 FITS = 40  # vehicles on a lane of 300 m

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.networks import context_for, grid_network, tee_network
-from tsc_missing.controllers.registry import BLIND, CONTROLLERS, LEARNED, make_controller
+from tsc_missing.controllers.catalogue import CONTROLLERS, LEARNED, needs_values
+from tsc_missing.controllers.registry import BLIND, make_controller
 from tsc_missing.imputation.registry import IMPUTERS
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import Measurement, apply_mask
@@ -102,7 +103,7 @@ def test_poison_under_the_mask_changes_no_decision(network, name, imputer, blind
 
 
 @pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
-@pytest.mark.parametrize("name", [n for n, entry in CONTROLLERS.items() if entry.needs_values])
+@pytest.mark.parametrize("name", [n for n in CONTROLLERS if needs_values(n)])
 @pytest.mark.parametrize("blind", BLIND)
 def test_nor_with_maximum_red_and_room_kept_beside_blind_intersections(network, name, blind):
     """Nor does what lies in an observation itself where its mask says that nothing reported."""

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Sequence
 from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import NATIVE, controller_of, weights_of
+from tsc_missing.controllers.catalogue import NATIVE
+from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import check_timing
 from tsc_missing.evaluation.scenario import Scenario, find_scenario

@@ -18,9 +18,8 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from tsc_missing.batch.keys import is_group
 from tsc_missing.batch.suite import RunSpec, Suite
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.registry import weights_of
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.run import checksums
+from tsc_missing.evaluation.run import checksums, inputs_of
 from tsc_missing.evaluation.run_folder import RUN
 from tsc_missing.evaluation.scenario import Scenario
 from tsc_missing.files import parse, read_json, replace_file
@@ -137,7 +136,7 @@ def finished_runs(
         if any_version:
             found = known_settings(found)
         _same("settings", found, wanted, out, spec.name)
-        key = (settings.net, settings.demand, weights_of(settings))
+        key = inputs_of(settings)
         if key not in known:
             known[key] = checksums(settings, scenarios[spec.name])
         _same("checksums", record.get("checksums"), known[key], out, spec.name)

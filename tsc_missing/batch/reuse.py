@@ -9,8 +9,7 @@ from typing import Any
 
 from tsc_missing.batch.folder import RUNS, known_settings, read_plan, read_run, run_folder
 from tsc_missing.batch.suite import RunSpec
-from tsc_missing.controllers.registry import weights_of
-from tsc_missing.evaluation.run import checksums
+from tsc_missing.evaluation.run import checksums, inputs_of
 from tsc_missing.evaluation.run_folder import DECISIONS
 from tsc_missing.evaluation.scenario import Scenario
 from tsc_missing.files import whole_folder
@@ -37,7 +36,7 @@ def find_reusable(
     for spec in runs:
         settings = spec.settings
         wanted = settings.model_dump(mode="json")
-        key = (settings.net, settings.demand, weights_of(settings))
+        key = inputs_of(settings)
         for folder, record in there.get(_scene(wanted), ()):
             if not _is_same(record, wanted, any_version):
                 continue

@@ -27,7 +27,7 @@ from tsc_missing.batch.suite import RunSpec, Suite
 from tsc_missing.batch.table import write_table
 from tsc_missing.batch.task import Task
 from tsc_missing.batch.worker import Care, Outcome
-from tsc_missing.controllers.registry import uses_weights
+from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario
 

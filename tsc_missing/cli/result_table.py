@@ -6,7 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.registry import weights_of
+from tsc_missing.controllers.fallback import Safe
+from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Prepared
 
@@ -22,9 +23,15 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    for warning in [*warnings(result), *_observed_in_the_log(prepared)]:
+    for warning in [*warnings(result), *_fallback(prepared), *_observed_in_the_log(prepared)]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
+
+
+def _fallback(prepared: Prepared) -> list[str]:
+    controller = prepared.controller
+    error = controller.last_error if isinstance(controller, Safe) else ""
+    return [f"the fallback answered because of: {error}"] if error else []
 
 
 def _observed_in_the_log(prepared: Prepared) -> list[str]:
@@ -97,7 +104,7 @@ def warnings(result: Result) -> list[str]:
     if result.gridlock:
         found.append("the network was gridlocked at the end (docs/metrics.md)")
     for count, what in (
-        (result.fallbacks, "decisions were answered by the safe fallback (run.json says why)"),
+        (result.fallbacks, "decisions were answered by the safe fallback (docs/metrics.md)"),
         (result.held_greens, "changes of phase had to wait for the minimum green"),
         (result.teleports, "vehicles were teleported"),
         (result.collisions, "collisions"),

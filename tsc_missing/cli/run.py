@@ -14,6 +14,7 @@ from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, MIN_SPAC
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
+from tsc_missing.own_code import class_name
 
 app = make_app("Run one simulation in closed loop, with sensors missing, and account for it.")
 
@@ -32,10 +33,14 @@ def run(
         float, typer.Option(help="Scales the arrivals of a profile.")
     ] = DEFAULT.volume,
     controller: Annotated[
-        str, typer.Option(help="Who decides; see the README for the names.")
+        str,
+        typer.Option(help="Who decides; see the README for the names. FILE.py:CLASS: your own."),
     ] = DEFAULT.controller,
     imputer: Annotated[
-        str, typer.Option(help="What fills the holes for controllers that need values.")
+        str,
+        typer.Option(
+            help="What fills the holes for controllers that need values. FILE.py:CLASS: your own."
+        ),
     ] = DEFAULT.imputer,
     blind: Annotated[
         str,
@@ -193,7 +198,7 @@ def _free_folder(settings: RunSettings, replayed: bool) -> Path:
     what = [
         Path(settings.net).name,
         *(["replayed"] if replayed else drawn),
-        settings.controller,
+        class_name(settings.controller),
         f"seed{settings.seed}",
     ]
     base = "-".join(what)

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.sensing.observation import Observation
@@ -25,7 +26,13 @@ class ControlContext:
 
 
 class Controller(ABC):
-    """Chooses a phase for every intersection at every decision step, from observations only."""
+    """Chooses a phase for every intersection at every decision step, from observations only.
+
+    Of a class that can be had by name, ``needs_values`` says that it is composed with an imputer
+    and so gets finite numbers everywhere; else it gets NaN where nothing reported.
+    """
+
+    needs_values: ClassVar[bool] = True
 
     @abstractmethod
     def reset(self, context: ControlContext) -> None:

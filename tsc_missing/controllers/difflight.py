@@ -38,6 +38,8 @@ class DiffLight(Controller):
     Where the model's scores are not finite it answers -1, which is no phase: ``Safe`` answers.
     """
 
+    needs_values = False
+
     def __init__(
         self,
         weights: Path,

@@ -23,6 +23,8 @@ class ExpectedQueue(Controller):
     Nothing that a sensor reports is used.
     """
 
+    needs_values = False
+
     def __init__(self, spread: float = 0.0) -> None:
         """``spread``: standard deviation of the logarithm of an error in the flows, for variety."""
         self._spread = spread

@@ -23,6 +23,8 @@ class Cycle(Controller):
     and intersections with equal cycles stay in step whatever else ran in between.
     """
 
+    needs_values = False
+
     @abstractmethod
     def plan(self, context: ControlContext) -> IntArray:
         """(N, P): the decision steps of each phase, 0 where there is no such phase."""

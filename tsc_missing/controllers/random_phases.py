@@ -11,6 +11,8 @@ from tsc_missing.sensing.observation import Observation
 class RandomPhases(Controller):
     """Each intersection takes one of its phases at random at every step, all alike probable."""
 
+    needs_values = False
+
     def reset(self, context: ControlContext) -> None:
         """Start the run's own stream of random numbers."""
         self._phase_mask = context.network.phase_mask

@@ -2,7 +2,7 @@
 
 from tsc_missing.config import MissingSettings
 from tsc_missing.controllers.diffusion_weights import diffusion_of
-from tsc_missing.controllers.registry import weights_of
+from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.diffusion.weights import KIND
 from tsc_missing.evaluation.run import Prepared
 from tsc_missing.network.folder import canonical

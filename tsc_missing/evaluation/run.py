@@ -6,14 +6,17 @@ from pathlib import Path
 
 from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.base import Controller
+from tsc_missing.controllers.catalogue import NATIVE
 from tsc_missing.controllers.fallback import Safe
-from tsc_missing.controllers.registry import NATIVE, controller_of, resolved, weights_of
+from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.resolved import code_of, resolved, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.own_code import own_file
 from tsc_missing.sensing.masks import load_mask
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.simulation.engine import EngineName
@@ -123,9 +126,18 @@ def _write(
 
 
 def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
-    """The SHA-256 of every file that the run reads: network, demand, and weights if it uses any."""
+    """The SHA-256 of every file that the run reads: network, demand, weights and own code.
+
+    Of own code it is the file with the class, not what that imports.
+    """
     used = {f"weights: {name}": sha256(find_weights(name)) for name in weights_of(settings)}
-    return {**scenario.checksums(), **used}
+    code = {f"code: {name}": sha256(own_file(name, field)) for field, name in code_of(settings)}
+    return {**scenario.checksums(), **used, **code}
+
+
+def inputs_of(settings: RunSettings) -> tuple[object, ...]:
+    """What ``checksums`` depend on: runs for which this is equal read the same files."""
+    return settings.net, settings.demand, weights_of(settings), code_of(settings)
 
 
 def describe(prepared: Prepared, result: Result) -> dict[str, object]:

@@ -9,7 +9,10 @@ from tsc_missing.imputation.diffusion import DiffusionImputer
 from tsc_missing.imputation.historical_mean import HistoricalMean
 from tsc_missing.imputation.last_value import LastValue
 from tsc_missing.imputation.store_and_forward import StoreAndForward
+from tsc_missing.own_code import is_own, make_own, own_class
 from tsc_missing.weights.find import find_weights
+
+FIELD = "imputer"
 
 IMPUTERS: dict[str, Callable[[], Imputer]] = {
     "sfm": StoreAndForward,
@@ -22,10 +25,12 @@ IMPUTERS: dict[str, Callable[[], Imputer]] = {
 DIFFUSION = "diffusion"  # apart from the others: it needs weights
 
 
-def check_imputer(name: str) -> None:
+def require_imputer(name: str) -> None:
     """Raise ``UserError`` with the nearest name where there is none of this name."""
-    if name != DIFFUSION and name not in IMPUTERS:
-        raise UserError("imputer", name, nearest(name, [*IMPUTERS, DIFFUSION]))
+    if is_own(name):
+        own_class(name, FIELD, Imputer)
+    elif name != DIFFUSION and name not in IMPUTERS:
+        raise UserError(FIELD, name, nearest(name, [*IMPUTERS, DIFFUSION]))
 
 
 def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imputer:
@@ -33,5 +38,5 @@ def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imput
     if name == DIFFUSION:
         settings = diffusion or DiffusionSettings()
         return DiffusionImputer(find_weights(settings.weights), *settings.reverse_steps(False))
-    check_imputer(name)
-    return IMPUTERS[name]()
+    require_imputer(name)
+    return make_own(name, FIELD, Imputer) if is_own(name) else IMPUTERS[name]()

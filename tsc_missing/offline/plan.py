@@ -6,10 +6,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from tsc_missing.config import SEEDS, MissingSettings, RunSettings, Settings
+from tsc_missing.controllers.base import Controller
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.offline.policies import POLICIES, RULES
+from tsc_missing.own_code import is_own, own_class
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.failures import MaybeFailure
+
+POLICY = "policy"
 
 
 class CollectSettings(Settings):
@@ -44,8 +48,10 @@ class CollectSettings(Settings):
     def check(self) -> None:
         """Raise ``UserError`` for a policy that is unknown."""
         for name in self.policies:
-            if name not in POLICIES:
-                raise UserError("policy", name, nearest(name, POLICIES))
+            if is_own(name):
+                own_class(name, POLICY, Controller)
+            elif name not in POLICIES:
+                raise UserError(POLICY, name, nearest(name, POLICIES))
 
 
 class EpisodeSpec(Settings):

@@ -6,16 +6,11 @@ import numpy as np
 
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.controllers.catalogue import DIFFLIGHT, LEARNED, VALUE
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.random_phases import RandomPhases
-from tsc_missing.controllers.registry import (
-    DIFFLIGHT,
-    LEARNED,
-    VALUE,
-    make_controller,
-    roomy,
-)
+from tsc_missing.controllers.registry import make_controller, roomy
 from tsc_missing.controllers.registry import make_policy as make_one
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import make_imputer

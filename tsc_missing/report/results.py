@@ -10,7 +10,8 @@ from typing import Any, Literal
 from tsc_missing.batch.folder import Plan, read_plan, run_folder
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.batch.table import FINISHED, Row, read_rows
-from tsc_missing.controllers.registry import NATIVE, uses_weights
+from tsc_missing.controllers.catalogue import NATIVE
+from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import MASK
 

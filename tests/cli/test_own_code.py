@@ -1,0 +1,154 @@
+"""Controllers and imputers of users' own, as docs/controllers.md has them, on the command line."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.refusals import check_refusal
+
+PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
+HALF = ("--missing", "random", "--rate", "0.5", "--horizon", "150")
+
+
+def example(language):
+    """The first block of the page in a language."""
+    return re.search(rf"```{language}\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+
+
+@pytest.fixture
+def mine(command):
+    """The page's example, and a second file that goes wrong in several ways."""
+    path = command.cwd / "mine.py"
+    path.write_text(example("python"))
+    (command.cwd / "bad.py").write_text(
+        "from mine import AsOthers, LongestWait, np\n"
+        "class Raises(LongestWait):\n"
+        "    def decide(self, observation):\n"
+        "        raise ValueError('no idea')\n"
+        "class Wants(LongestWait):\n"
+        "    def __init__(self, option): ...\n"
+        "class Halves(AsOthers):\n"
+        "    def fill(self, observation):\n"
+        "        filled = super().fill(observation)\n"
+        "        return filled.filled(filled.values / 2, filled.exits)\n"
+    )
+    return path
+
+
+def run(command, *arguments):
+    done = command("run", "--json", *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("mine.py:LongestWait", "a controller"),
+        ("mine.py:Cautious", "a controller"),
+        ("mine:Cautious", "a controller"),
+        ("mine.py:AsOthers", "an imputer"),
+    ],
+)
+def test_the_examples_keep_the_rules(command, mine, small_net, name, what):
+    done = command("check", name, "--net", small_net)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{name}: {what} that keeps the rules (tried on small)\n"
+
+
+def test_one_that_does_not_is_told_why(command, mine, small_net):
+    for name, words in (
+        ("bad.py:Raises", "at step 0 the controller raised ValueError('no idea')"),
+        ("bad.py:Halves", "at step 0 fill must leave the reported values as they are"),
+    ):
+        done = command("check", name, "--net", small_net)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr == f"{name}: {words}\n"
+
+
+def test_a_run_with_both_is_of_another_kind_than_others(command, mine, small_net):
+    both = ("--controller", "mine.py:LongestWait", "--imputer", "mine.py:AsOthers")
+    found = run(command, "--net", small_net, *HALF, *both)
+    assert found["out"] == "runs/small-random-0.5-LongestWait-seed0"
+    assert found["resolved"]["blind"] == "fixed-time"
+    assert found["result"]["fallbacks"] == 0
+    assert found["result"]["imputation_mae"] > 0
+    code = {name for name in found["checksums"] if name.startswith("code: ")}
+    assert code == {"code: mine.py:LongestWait", "code: mine.py:AsOthers"}
+    shipped = run(command, "--net", small_net, *HALF, *both[:2])
+    assert shipped["result"]["imputation_mae"] != found["result"]["imputation_mae"]
+
+
+def test_one_that_takes_the_holes_gets_no_imputer_and_no_cycle(command, mine, small_net):
+    imputer = ("--imputer", "mine.py:AsOthers")
+    found = run(command, "--net", small_net, *HALF, "--controller", "mine.py:Cautious", *imputer)
+    assert found["resolved"]["blind"] == "none"
+    assert found["result"]["imputation_mae"] is None
+    assert found["result"]["fallbacks"] == 0
+    assert "code: mine.py:AsOthers" not in found["checksums"]
+
+
+def test_one_that_raises_is_answered_for_and_the_table_says_why(command, mine, small_net):
+    done = command("run", "--net", small_net, *HALF, "--controller", "bad.py:Raises")
+    assert done.returncode == 0, done.stderr
+    assert "60 decisions were answered by the safe fallback" in done.stdout
+    assert "ValueError: no idea (bad.py:4 in decide)" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("none.py:Mine", ["there is no file none.py"]),
+        ("nowhere:Mine", ["loading nowhere raised ModuleNotFoundError"]),
+        ("broken.py:Mine", ["loading broken.py raised SyntaxError"]),
+        (":Mine", ["FILE.py:CLASS"]),
+        ("mine.py:LongWait", ["did you mean LongestWait?", "Cautious"]),
+        ("mine.py:np", ["tsc_missing.controllers.base.Controller"]),
+        ("mine.py:AsOthers", ["tsc_missing.controllers.base.Controller"]),
+        ("mine.py:Controller", ["it must define decide, reset"]),
+        ("bad.py:Wants", ["making one raised TypeError", "option"]),
+    ],
+)
+def test_what_is_no_controller(command, mine, name, words):
+    (command.cwd / "broken.py").write_text("def:\n")
+    check_refusal(command, "run", "--controller", name, words=["controller: ", *words])
+    assert not (command.cwd / "runs").exists()
+
+
+def test_a_batch_notices_when_the_code_has_changed(command, mine, small_net):
+    (command.cwd / "own.toml").write_text(
+        f'[[runs]]\nmethod = ["mine.py:LongestWait", "max-queue"]\nnet = "{small_net}"\n'
+        "horizon = 150\n"
+    )
+    batch = ("own.toml", "--out", "b", "--workers", 1, "--json")
+    done = command("batch", *batch)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["finished"] == 2
+    assert (command.cwd / "b" / "runs" / "small-none-mine.py_LongestWait-seed0").is_dir()
+    mine.write_text(mine.read_text() + "\n# changed\n")
+    done = command("batch", *batch)
+    assert done.returncode == 2
+    assert "code: mine.py:LongestWait" in done.stderr
+    done = command("report", "b", "--out", "r")
+    assert done.returncode == 0, done.stderr
+    assert "mine.py:LongestWait" in (command.cwd / "r" / "report.md").read_text()
+
+
+def test_logs_of_a_policy_of_ones_own(command, mine, small_net):
+    wanted = ("--net", small_net, "--demand", "auto", "--episodes", 1, "--horizon", 150)
+    done = command("collect", "--out", "log", *wanted, "--policy", "mine.py:LongestWait")
+    assert done.returncode == 0, done.stderr
+    manifest = json.loads((command.cwd / "log" / "manifest.json").read_text())
+    assert set(manifest["code"]) == {"mine.py:LongestWait"}
+    other = ("--out", "other", *wanted, "--policy", "mine.py:LongWait")
+    check_refusal(command, "collect", *other, words=["policy: ", "did you mean LongestWait?"])
+    assert not (command.cwd / "other").exists()
+
+
+def test_the_suite_of_the_page_can_be_read(command, mine):
+    (command.cwd / "page.toml").write_text(example("toml"))
+    done = command("batch", "page.toml", "--list")
+    assert done.returncode == 0, done.stderr
+    assert "jinan_1-random-0.1-longest_wait-seed0" in done.stdout

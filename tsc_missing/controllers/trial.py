@@ -1,0 +1,61 @@
+"""A made-up world of observations with holes, which controllers and imputers are tried on."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+
+import numpy as np
+
+from tsc_missing.controllers.base import ControlContext
+from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.sensing.observation import N_FEATURES, Measurement, Observation
+
+STEPS = 31  # a prime, so that no short cycle of a forgetful reset fits into it
+INTERVAL = 15.0  # [s]
+LOST_TIME = 5.0  # [s]
+
+
+def trial_context(network: Network) -> ControlContext:
+    """What is known on the network, with turning flows at random and one blind intersection."""
+    random = np.random.default_rng(0)
+    sensors = np.ones_like(network.slot_mask)
+    if network.n > 1:
+        sensors[0] = ~network.slot_mask[0]
+    return ControlContext(
+        network=network,
+        turning_flows=random.uniform(0, 500, network.slot_mask.shape) * network.slot_mask,
+        sensors=sensors,
+        decision_interval=INTERVAL,
+        lost_time=LOST_TIME,
+        seed=7,
+    )
+
+
+def trial_world(context: ControlContext, hidden: int) -> Iterator[tuple[Measurement, BoolArray]]:
+    """Truth and mask of each step; the middle third of the steps has no report at all."""
+    slots = context.network.slot_mask
+    random, unseen = np.random.default_rng(1), np.random.default_rng([2, hidden])
+    for step in range(STEPS):
+        reported = context.sensors & (random.random(slots.shape) < 0.5)
+        if STEPS // 3 <= step < 2 * STEPS // 3:
+            reported = np.zeros_like(slots)
+        mask = reported | ~slots
+        seen, under = (r.integers(0, 9, (*slots.shape, 3)) for r in (random, unseen))
+        counts = np.where(mask[:, :, None], seen, under) * slots[:, :, None] * 1.0
+        counts[:, :, 0] += counts[:, :, 1]
+        yield Measurement(values=counts[:, :, :N_FEATURES], exits=counts[:, :, N_FEATURES]), mask
+
+
+def require_unchanged(given: Observation, observation: Observation, words: str) -> None:
+    """Raise ``AssertionError`` unless what was ``given`` is as the ``observation`` still."""
+    for field in fields(Observation):
+        before, after = getattr(observation, field.name), getattr(given, field.name)
+        require(
+            np.array_equal(before, after, equal_nan=field.name != "mask"),
+            f"{words} must not change observation.{field.name}",
+        )
+
+
+def require(condition: bool | np.bool_, words: str) -> None:
+    """Raise ``AssertionError`` with words unless the condition holds."""
+    if not condition:
+        raise AssertionError(words)
