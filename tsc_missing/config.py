@@ -1,6 +1,7 @@
 """Every setting of a run, with its default, unit and range: the one home of configuration."""
 
-from typing import Literal, Self
+from pathlib import PurePath
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -62,10 +63,25 @@ class VehicleType(Settings):
 class MissingSettings(Settings):
     """Which sensors do not report, and how much (``docs/missing-patterns.md``)."""
 
-    pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed"] = "none"
+    pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed", "file"] = "none"
     rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
     mean_outage: float = Field(8.0, ge=1, allow_inf_nan=False)  # [decision steps], burst and mixed
+    file: str = ""  # a mask.npz or a list of outages (CSV), for the pattern file
+
+    @property
+    def file_words(self) -> str:
+        """What a file is called in the names of runs: ``replayed`` for the mask of a run."""
+        path = PurePath(self.file)
+        return "replayed" if path.name == "mask.npz" else path.stem
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_file(cls, values: Any) -> Any:
+        """A file says the pattern."""
+        if isinstance(values, dict) and values.get("file") and "pattern" not in values:
+            return {**values, "pattern": "file"}
+        return values
 
     @model_validator(mode="after")
     def _means_something(self) -> Self:
@@ -73,7 +89,12 @@ class MissingSettings(Settings):
             raise ValueError("adjacent goes with the pattern kriging only")
         if self.rate > 0 and self.pattern == "none":
             raise ValueError("a rate above 0 needs a pattern of missing data")
-        if self.pattern != "none" and "rate" not in self.model_fields_set:
+        if (self.pattern == "file") != bool(self.file):
+            raise ValueError("the pattern file needs a missing.file, and no other pattern has one")
+        if self.pattern == "file":
+            if self.rate > 0:
+                raise ValueError("a rate cannot go with a file, from which nothing is drawn")
+        elif self.pattern != "none" and "rate" not in self.model_fields_set:
             raise ValueError(f"the pattern {self.pattern} needs a missing.rate from 0 to 1")
         return self
 

@@ -96,7 +96,7 @@ def test_a_mask_can_be_replayed(command, small_net):
     assert not any(name.startswith("mask") for name in drawn["checksums"])
     assert again["result"]["att_all"] == drawn["result"]["att_all"]
     assert (command.cwd / "b" / "mask.npz").read_bytes() == mask.read_bytes()
-    unnamed = run_json(command, *options, "--mask", mask, "--missing", "mixed")
+    unnamed = run_json(command, *options, "--mask", mask)
     assert unnamed["out"] == "runs/small-replayed-max-queue-seed0"
 
 

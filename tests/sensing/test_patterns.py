@@ -39,7 +39,7 @@ def adjacent_pairs(nodes, network=GRID):
 
 def test_every_pattern_of_the_settings_is_registered():
     names = MissingSettings.model_fields["pattern"].annotation.__args__
-    assert set(names) == set(PATTERNS)
+    assert set(names) - {"file"} == set(PATTERNS)  # what is missing is read there, not drawn
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)

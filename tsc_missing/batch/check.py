@@ -12,7 +12,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import check_timing
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.network.folder import network_name
-from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.sensing.masks_of_runs import mask_of
 from tsc_missing.weights.find import COMMAND
 from tsc_missing.weights.find import FIELD as WEIGHTS
 
@@ -110,8 +110,8 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
         timing = (*where, settings.signals)
         if timing not in seen:
             check_timing(settings.signals, scenario.folder.network)
-        mask = (*where, settings.missing)
+        mask = (*where, settings.missing, settings.horizon, settings.signals.decision_interval)
         if mask not in seen:
-            draw_mask(settings.missing, scenario.folder.network, 1, settings.seed_of_mask)
+            mask_of(settings, scenario.folder.network)
         seen |= {demand, timing, mask}
     return found

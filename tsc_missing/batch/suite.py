@@ -215,8 +215,8 @@ def _labels(
     of_method = [f"{key[-1]} {settings[key]}" for key in extra if key[0] in METHOD_GROUPS]
     of_scene = [f"{key[-1]} {settings[key]}" for key in extra if key[0] not in METHOD_GROUPS]
     missing, net = run.missing, Path(canonical(run.net)).name
-    what: list[str] = [missing.pattern]
-    if missing.pattern != "none":
+    what: list[str] = [missing.file_words if missing.file else missing.pattern]
+    if missing.pattern not in ("none", "file"):
         what += [*(["adjacent"] if missing.adjacent else []), f"{missing.rate:g}"]
         if ("missing", "mean_outage") in settings:
             what.append(f"outage{missing.mean_outage:g}")

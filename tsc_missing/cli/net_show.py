@@ -42,7 +42,8 @@ def show(
         float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
     ] = DEFAULT.missing.mean_outage,
     mask: Annotated[
-        Path | None, typer.Option(help="Show the missing sensors of this mask.npz.")
+        Path | None,
+        typer.Option(help="Show the missing sensors of this mask.npz or CSV of outages."),
     ] = None,
     run: Annotated[
         Path | None, typer.Option(help="Show the missing sensors of this run folder.")
@@ -67,8 +68,9 @@ def show(
         net=net,
         demand=demand,
         missing={
-            "pattern": missing,
+            "pattern": missing if mask is None else "file",
             "rate": _rate(missing, rate, mask, run),
+            "file": "" if mask is None else str(mask),
             "adjacent": adjacent,
             "mean_outage": mean_outage,
         },
@@ -76,7 +78,7 @@ def show(
     )
     if out is not None:
         check_picture_path(out, "--out")
-    overview = look_at(settings, mask, run)
+    overview = look_at(settings, run)
     target = out if out is not None else Path(f"{overview.summary.name}.png")
     figure = draw_network(
         overview.network,

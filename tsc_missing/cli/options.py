@@ -9,6 +9,7 @@ from tsc_missing.errors import UserError, nearest
 
 OPTION_OF = {
     "pattern": "missing",
+    "file": "mask",
     "kind": "sensor",
     "length": "detector_length",
     "nets": "net",
@@ -47,15 +48,18 @@ def _allowed(problem: Any) -> str:
     return str(problem["msg"]).removeprefix("Value error, ")
 
 
-def check_replay(rate: float | None, mask_seed: int | None) -> None:
-    """Raise ``UserError`` for what says how a mask is drawn, where one is replayed instead."""
-    for option, value in (("--rate", rate), ("--mask-seed", mask_seed)):
+def check_replay(pattern: str, rate: float | None, mask_seed: int | None) -> None:
+    """Raise ``UserError`` for what says how a mask is drawn, where one is read instead."""
+    wanted = None if pattern == "none" else pattern
+    for option, value in (("--rate", rate), ("--mask-seed", mask_seed), ("--missing", wanted)):
         if value is not None:
             raise UserError(option, value, "it cannot go with --mask, which draws nothing")
 
 
 def missing_rate(pattern: str, rate: float | None, needed: bool = True) -> float:
     """The rate that goes with a pattern; ``needed`` says whether a pattern must have one."""
+    if pattern == "file" and needed:
+        raise UserError("--missing", pattern, "name the file itself: --mask FILE")
     if pattern == "none" and rate:
         raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
     if needed and pattern != "none" and rate is None:

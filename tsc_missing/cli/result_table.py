@@ -60,8 +60,8 @@ def heading(prepared: Prepared) -> str:
 
 def _missing_in_words(prepared: Prepared) -> str:
     missing = prepared.settings.missing
-    if prepared.options.mask_file is not None:
-        return "a replayed mask"
+    if missing.file:
+        return f"missing as in {missing.file}"
     if missing.pattern == "none":
         return "everything observed"
     return f"{missing.pattern} missing at rate {missing.rate:g}"

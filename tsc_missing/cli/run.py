@@ -87,7 +87,10 @@ def run(
     mean_outage: Annotated[
         float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
     ] = DEFAULT.missing.mean_outage,
-    mask: Annotated[Path | None, typer.Option(help="Replay the mask.npz of another run.")] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(help="What is missing: the mask.npz of another run, or a CSV of outages."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
     mask_seed: Annotated[
         int | None, typer.Option(help="Seed of the mask alone.", show_default="that of --seed")
@@ -145,7 +148,7 @@ def run(
 ) -> None:
     """Run one simulation in closed loop, with sensors missing, and account for it."""
     if mask is not None:
-        check_replay(rate, mask_seed)
+        check_replay(missing, rate, mask_seed)
     settings = make_settings(
         net=net,
         demand=demand,
@@ -161,10 +164,11 @@ def run(
         },
         q_weights=q_weights,
         missing={
-            "pattern": missing,
+            "pattern": missing if mask is None else "file",
             "rate": missing_rate(missing, rate, needed=mask is None),
             "adjacent": adjacent,
             "mean_outage": mean_outage,
+            "file": "" if mask is None else str(mask),
         },
         sensor={"kind": sensor, "length": detector_length},
         signals={
@@ -180,9 +184,9 @@ def run(
         mask_seed=mask_seed,
         horizon=horizon,
     )
-    folder = out if out is not None else _free_folder(settings, replayed=mask is not None)
+    folder = out if out is not None else _free_folder(settings)
     check_writable(folder, "out")
-    options = Options(folder, decisions, mask, "gui" if gui else "libsumo")
+    options = Options(folder, decisions, "gui" if gui else "libsumo")
     prepared = prepare(settings, options)
     result = _watched(prepared, quiet=as_json)
     if as_json:
@@ -192,12 +196,12 @@ def run(
         _print_result(prepared, result, folder)
 
 
-def _free_folder(settings: RunSettings, replayed: bool) -> Path:
+def _free_folder(settings: RunSettings) -> Path:
     missing = settings.missing
-    drawn = [missing.pattern, *([f"{missing.rate:g}"] if missing.pattern != "none" else [])]
+    rate = [f"{missing.rate:g}"] if missing.pattern != "none" else []
     what = [
         Path(settings.net).name,
-        *(["replayed"] if replayed else drawn),
+        *([missing.file_words] if missing.file else [missing.pattern, *rate]),
         class_name(settings.controller),
         f"seed{settings.seed}",
     ]

@@ -27,7 +27,8 @@ from tsc_missing.network.summary import (
     summarise_sensors,
 )
 from tsc_missing.sensing.masks import load_mask
-from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.sensing.masks_of_runs import mask_file, mask_of
+from tsc_missing.sensing.outage_list import is_list
 
 
 class DemandSummary(Part):
@@ -58,13 +59,11 @@ class Overview:
     coverage: Coverage | None
 
 
-def look_at(
-    settings: RunSettings, mask_file: Path | None = None, run_folder: Path | None = None
-) -> Overview:
+def look_at(settings: RunSettings, run_folder: Path | None = None) -> Overview:
     """Read the network, its demand and a mask: a file's, a run folder's or one that is drawn."""
     folder, scenario = find_network(settings)
     network = folder.network
-    mask, source = _mask(settings, network, mask_file, run_folder)
+    mask, source = _mask(settings, network, run_folder)
     coverage = Coverage.of_mask(mask, network.slot_mask) if mask is not None else None
     roads = read_roads(folder.net_file, network.record)
     summary = Summary(
@@ -101,7 +100,7 @@ def _demand(settings: RunSettings, scenario: Scenario) -> DemandSummary:
 
 
 def _mask(
-    settings: RunSettings, network: Network, mask_file: Path | None, run_folder: Path | None
+    settings: RunSettings, network: Network, run_folder: Path | None
 ) -> tuple[BoolArray | None, str]:
     """The mask to show, if any, and where it is from."""
     if run_folder is not None:
@@ -112,15 +111,20 @@ def _mask(
                 "--run", run_folder, f"it has no {MASK}: its controller used no sensors"
             )
         return load_mask(run_folder / MASK, network), f"run {run_folder.resolve().name}"
-    if mask_file is not None:
-        return load_mask(mask_file, network), f"mask {mask_file.name}"
     if settings.missing.pattern == "none":
         return None, ""
-    mask = draw_mask(settings.missing, network, settings.steps, settings.seed_of_mask)
+    path = mask_file(settings)
+    if path is not None and not is_list(path):
+        return load_mask(path, network), f"mask {path.name}"  # however long the run was
+    mask = mask_of(settings, network)
+    if path is not None:
+        return mask, f"outages of {path.name}"
     return mask, f"{missing_words(settings.missing)}, seed {settings.seed_of_mask}"
 
 
 def missing_words(missing: MissingSettings) -> str:
-    """For example ``kriging (adjacent) 25 %``."""
+    """For example ``kriging (adjacent) 25 %``; of a file its name."""
+    if missing.file:
+        return missing.file_words
     details = " (adjacent)" if missing.adjacent else ""
     return f"{missing.pattern}{details} {100 * missing.rate:g} %"

@@ -15,10 +15,9 @@ from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_l
 from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
-from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.network.model import Network
 from tsc_missing.own_code import own_file
-from tsc_missing.sensing.masks import load_mask
-from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.sensing.masks_of_runs import mask_file, mask_of
 from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
 from tsc_missing.simulation.programs import NativeProgram
@@ -32,7 +31,6 @@ class Options:
 
     out: Path | None = None  # the run folder; None keeps nothing
     decisions: bool = True  # write decisions.parquet
-    mask_file: Path | None = None  # replay this mask instead of drawing one
     engine: EngineName = "libsumo"
     durable: bool = False  # the run folder is on the disk before it gets its name
 
@@ -53,7 +51,7 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     scenario = find_scenario(settings.net, settings.demand)
     check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
-    scene = scenario.scene(settings, _mask(settings, options, scenario))
+    scene = scenario.scene(settings, mask_of(settings, scenario.folder.network))
     return Prepared(settings, options, scenario, scene, controller)
 
 
@@ -74,13 +72,6 @@ def _controller(settings: RunSettings, scenario: Scenario) -> Controller | Nativ
         return NativeProgram(settings.controller, scenario.folder.network)
     controller = controller_of(settings)
     return Safe(controller, float(settings.signals.decision_interval))
-
-
-def _mask(settings: RunSettings, options: Options, scenario: Scenario) -> BoolArray:
-    network = scenario.folder.network
-    if options.mask_file is not None:
-        return load_mask(options.mask_file, network, settings.steps)
-    return draw_mask(settings.missing, network, settings.steps, settings.seed_of_mask)
 
 
 def execute(prepared: Prepared, watch: Watch | None = None) -> Result:
@@ -126,25 +117,27 @@ def _write(
 
 
 def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
-    """The SHA-256 of every file that the run reads: network, demand, weights and own code.
+    """The SHA-256 of every file that the run reads: network, demand, weights, own code, mask.
 
     Of own code it is the file with the class, not what that imports.
     """
     used = {f"weights: {name}": sha256(find_weights(name)) for name in weights_of(settings)}
     code = {f"code: {name}": sha256(own_file(name, field)) for field, name in code_of(settings)}
-    return {**scenario.checksums(), **used, **code}
+    path = mask_file(settings)
+    mask = {f"mask: {path.name}": sha256(path)} if path is not None else {}
+    return {**scenario.checksums(), **used, **code, **mask}
 
 
 def inputs_of(settings: RunSettings) -> tuple[object, ...]:
     """What ``checksums`` depend on: runs for which this is equal read the same files."""
-    return settings.net, settings.demand, weights_of(settings), code_of(settings)
+    mask = settings.missing.file
+    return settings.net, settings.demand, weights_of(settings), code_of(settings), mask
 
 
 def describe(prepared: Prepared, result: Result) -> dict[str, object]:
     """The content of ``run.json``: settings, what they resolved to, versions, result."""
     scenario = prepared.scenario
-    controller, mask = prepared.controller, prepared.options.mask_file
-    replayed = {f"mask: {mask.name}": sha256(mask)} if mask is not None else {}
+    controller = prepared.controller
     return {
         "settings": prepared.settings.model_dump(mode="json"),
         "resolved": resolved(prepared.settings),
@@ -152,8 +145,8 @@ def describe(prepared: Prepared, result: Result) -> dict[str, object]:
         "demand": scenario.demand_kind,
         "begin": scenario.folder.begin,
         "engine": prepared.options.engine,
-        "mask": "replayed" if replayed else "drawn",
-        "checksums": {**checksums(prepared.settings, scenario), **replayed},
+        "mask": "replayed" if mask_file(prepared.settings) else "drawn",
+        "checksums": checksums(prepared.settings, scenario),
         "versions": versions(),
         "git": git_revision(),
         "fallback_error": controller.last_error if isinstance(controller, Safe) else "",

@@ -127,7 +127,7 @@ def _groups(results: Results, dataset: str) -> list[Group]:
     found = dict.fromkeys(
         (s.settings.missing.pattern, s.settings.missing.adjacent)
         for s in specs
-        if s.case != NOTHING_MISSING
+        if s.case != NOTHING_MISSING and not s.settings.missing.file
     )
     return list(found)
 

@@ -1,0 +1,78 @@
+"""A list of outages on the command line: a run, a picture, a suite."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.cli.refusals import check_refusal
+from tsc_missing.network.folder import read_folder
+from tsc_missing.sensing.masks import load_mask
+
+HORIZON = 300  # [s], 20 steps
+
+
+@pytest.fixture
+def listed(command, small_net):
+    """A list: one intersection for the whole run, an approach of another for a while."""
+    first, second = read_folder(small_net, "small").network.ids[:2]
+    path = command.cwd / "centre.csv"
+    path.write_text(f"intersection,slot,begin,end\n{first}\n{second},N,60,120\n")
+    return path
+
+
+def test_a_run_loses_what_the_list_says(command, small_net, listed):
+    options = ("--net", small_net, "--controller", "max-queue", "--horizon", HORIZON)
+    done = command("run", *options, "--mask", listed.name, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["out"] == "runs/small-centre-max-queue-seed0"
+    assert found["mask"] == "replayed"
+    assert found["settings"]["missing"]["pattern"] == "file"
+    assert "mask: centre.csv" in found["checksums"]
+    network = read_folder(small_net, "small").network
+    mask = load_mask(command.cwd / found["out"] / "mask.npz", network)
+    lost = ~mask & network.slot_mask
+    assert lost[:, 0][:, network.slot_mask[0]].all()
+    north = network.slot_mask[1] & (np.arange(12) < 3)
+    assert (lost[:, 1] == (north & ((np.arange(20) >= 4) & (np.arange(20) < 8))[:, None])).all()
+    assert not lost[:, 2:].any()
+    share = lost.sum() / (20 * network.slot_mask.sum())
+    assert found["result"]["missing_share"] == pytest.approx(share)
+    replayed = ("--mask", f"{found['out']}/mask.npz", "--out", "again", "--json")
+    again = json.loads(command("run", *options, *replayed).stdout)
+    assert again["result"]["att_all"] == found["result"]["att_all"]
+
+
+def test_the_picture_says_what_the_list_loses(command, small_net, listed):
+    done = command("net", "show", small_net, "--mask", listed.name, "--out", "a.svg", "--json")
+    assert done.returncode == 0, done.stderr
+    sensors = json.loads(done.stdout)["sensors"]
+    assert sensors["source"] == "outages of centre.csv"
+    assert len(sensors["never_observed"]) == 1
+    assert sensors["partly_observed"] == 1
+
+
+def test_lists_are_an_axis_of_a_suite(command, small_net, listed):
+    (command.cwd / "late.csv").write_text(listed.read_text().replace("60,120", "120,"))
+    (command.cwd / "lists.toml").write_text(
+        f'[[runs]]\nmethod = "max-queue"\nnet = "{small_net}"\nhorizon = {HORIZON}\n'
+        'missing.file = ["centre.csv", "late.csv"]\n'
+        f'[[runs]]\nmethod = "max-queue"\nnet = "{small_net}"\nhorizon = {HORIZON}\n'
+    )
+    batch = ("lists.toml", "--out", "b", "--workers", 1, "--json")
+    done = command("batch", *batch)
+    assert done.returncode == 0, done.stderr
+    names = {path.name for path in (command.cwd / "b" / "runs").iterdir()}
+    cases = ("none", "centre", "late")
+    assert names == {f"small-{case}-max-queue-seed0" for case in cases}
+    done = command("report", "b", "--out", "r")
+    assert done.returncode == 0, done.stderr
+    report = (command.cwd / "r" / "report.md").read_text()
+    assert all(f" {case} |" in report for case in cases)
+    listed.write_text(listed.read_text().replace("60", "45"))
+    words = ["mask: centre.csv", "give another --out"]
+    check_refusal(command, "batch", *batch, words=words)
+    listed.write_text("intersection\nnowhere\n")
+    check_refusal(command, "batch", "lists.toml", "--out", "c", words=["line 2", "nowhere"])
+    assert not (command.cwd / "c").exists()

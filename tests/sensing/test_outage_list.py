@@ -1,0 +1,105 @@
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.networks import grid_network, tee_network
+from tsc_missing.errors import UserError
+from tsc_missing.network.slots import APPROACHES
+from tsc_missing.sensing.outage_list import SLOTS, read_outages
+
+NETWORK = grid_network(2, 3)
+STEPS, INTERVAL = 12, 15.0
+SECONDS = st.one_of(st.none(), st.integers(0, 200))
+ROWS = st.lists(
+    st.tuples(
+        st.sampled_from(NETWORK.ids), st.sampled_from(["", *APPROACHES, *SLOTS]), SECONDS, SECONDS
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+def written(tmp_path, text):
+    path = tmp_path / "list.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def silent(row, step, identity, slot):
+    where, what, begin, end = row
+    time = step * INTERVAL
+    during = (begin or 0) <= time and (end is None or time < end)
+    return during and where == identity and (not what or slot == what or slot[0] == what)
+
+
+@given(rows=ROWS)
+def test_a_reading_is_lost_where_a_line_says_so(tmp_path_factory, rows):
+    rows = [(a, b, c, d) for a, b, c, d in rows if d is None or d > (c or 0)]
+    if not rows:
+        return
+    lines = [",".join("" if part is None else str(part) for part in row) for row in rows]
+    text = "\n".join(["intersection,slot,begin,end", *lines])
+    path = written(tmp_path_factory.mktemp("list"), text)
+    mask = read_outages(path, NETWORK, STEPS, INTERVAL)
+    for step, n, k in product(range(STEPS), range(NETWORK.n), range(len(SLOTS))):
+        lost = any(silent(row, step, NETWORK.ids[n], SLOTS[k]) for row in rows)
+        assert mask[step, n, k] == (not lost)
+
+
+def test_slots_that_are_not_there_count_as_reported(tmp_path):
+    tee = tee_network()
+    absent = ~tee.slot_mask
+    assert absent.any()
+    text = "intersection\n" + "\n".join(tee.ids)
+    mask = read_outages(written(tmp_path, text), tee, STEPS, INTERVAL)
+    assert (mask == absent).all()
+    n = int(np.flatnonzero(absent.any(axis=1))[0])
+    slot = SLOTS[int(np.flatnonzero(absent[n])[0])]
+    path = written(tmp_path, f"intersection,slot\n{tee.ids[n]},{slot}\n")
+    with pytest.raises(UserError, match=f"line 2: {tee.ids[n]} has no {slot}"):
+        read_outages(path, tee, STEPS, INTERVAL)
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_what_spreadsheets_make_of_it(tmp_path, separator):
+    """A byte order mark, blanks, quotes, line ends, columns in another order, empty lines."""
+    identity = NETWORK.ids[1]
+    text = f'\ufeffend, intersection ,begin\r\n60," {identity}",\r\n\r\n'
+    path = written(tmp_path, text.replace(",", separator))
+    mask = read_outages(path, NETWORK, STEPS, INTERVAL)
+    assert not mask[:4, 1].any()
+    assert mask[4:].all()
+    assert mask[:, [0, 2, 3, 4, 5]].all()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "it lists no outage; its columns are intersection, slot, begin, end"),
+        ("intersection\n", "it lists no outage"),
+        (b"\xff\xfe", "no text in UTF-8"),
+        ("intersection,slots\n{0},N", "line 1: unknown column slots; did you mean slot"),
+        ("slot\nN", "line 2: at intersection"),
+        ("intersection\nnowhere", "line 2: no intersection nowhere"),
+        ("intersection,slot\n{0},North", "line 2: no slot North"),
+        ("intersection,begin\n{0},1\n{0},soon", "line 3: at begin"),
+        ("intersection,begin\n{0},-1", "line 2: at begin"),
+        ("intersection,begin\n{0},nan", "line 2: at begin"),
+        ("intersection,end\n{0},nan", "line 2: at end"),
+        ("intersection,begin,end\n{0},9,9", "line 2: end 9 must be after begin 9"),
+        ("intersection,slot\n{0},N,3", "line 2: more values than columns"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path, text, words):
+    text = text if isinstance(text, bytes) else text.format(NETWORK.ids[0])
+    with pytest.raises(UserError, match=words) as caught:
+        read_outages(written(tmp_path, text), NETWORK, STEPS, INTERVAL)
+    assert caught.value.field == "mask"
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(UserError, match="cannot be read"):
+        read_outages(tmp_path / "none.csv", NETWORK, STEPS, INTERVAL)

@@ -1,0 +1,25 @@
+"""The mask of a run: drawn from its seed, or read from a file."""
+
+from pathlib import Path
+
+from tsc_missing.config import RunSettings
+from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.sensing.masks import load_mask
+from tsc_missing.sensing.outage_list import is_list, read_outages
+from tsc_missing.sensing.patterns import draw_mask
+
+
+def mask_of(settings: RunSettings, network: Network) -> BoolArray:
+    """(T, N, 12): which slots report at each decision step of a run; true = reported."""
+    path = mask_file(settings)
+    if path is None:
+        return draw_mask(settings.missing, network, settings.steps, settings.seed_of_mask)
+    if is_list(path):
+        interval = settings.signals.decision_interval
+        return read_outages(path, network, settings.steps, interval)
+    return load_mask(path, network, settings.steps)
+
+
+def mask_file(settings: RunSettings) -> Path | None:
+    """The file that says what is missing; None where it is drawn."""
+    return Path(settings.missing.file) if settings.missing.file else None

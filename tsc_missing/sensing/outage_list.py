@@ -1,0 +1,115 @@
+"""Which sensors do not report, as a list: a CSV file of outages.
+
+Its columns are ``intersection``, ``slot``, ``begin`` and ``end``; all but the first may be left out
+or empty. A slot is one movement (``N-left``), or an approach with all of its movements (``N``);
+without it none of the intersection reports. Begin and end are seconds since the begin of the run,
+the end excluded; without them the outage lasts from its begin, or to its end.
+"""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from tsc_missing.config import Settings
+from tsc_missing.errors import UserError, nearest
+from tsc_missing.files import first_problem
+from tsc_missing.network.model import BoolArray, Network
+from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS, slot_name
+
+FIELD = "mask"
+SUFFIX = ".csv"
+SLOTS = tuple(slot_name(slot) for slot in range(N_SLOTS))
+
+
+class Outage(Settings):
+    """One line of the list."""
+
+    intersection: str
+    slot: str = ""
+    begin: float = Field(0.0, ge=0, allow_inf_nan=False)  # [s]
+    end: float = Field(math.inf, gt=0)  # [s]
+
+
+def is_list(path: Path) -> bool:
+    """Whether a file's name says that it is a list of outages."""
+    return path.suffix.lower() == SUFFIX
+
+
+def read_outages(path: Path, network: Network, steps: int, interval: float) -> BoolArray:
+    """(T, N, 12): what reports at each of ``steps`` decision steps, ``interval`` [s] apart.
+
+    Raises ``UserError`` with the line that is wrong.
+    """
+    mask = np.ones((steps, network.n, N_SLOTS), dtype=bool)
+    time = np.arange(steps) * interval
+    for line, outage in _lines(path):
+        if outage.intersection not in network.ids:
+            known = nearest(outage.intersection, network.ids)
+            _wrong(path, line, f"no intersection {outage.intersection} in {network.name}; {known}")
+        n = network.ids.index(outage.intersection)
+        slots = _slots(outage.slot)
+        if slots is None:
+            known = nearest(outage.slot, (*APPROACHES, *SLOTS))
+            _wrong(path, line, f"no slot {outage.slot}; {known}")
+        silent = slots & network.slot_mask[n]
+        if not silent.any():
+            _wrong(path, line, f"{outage.intersection} has no {outage.slot}")
+        during = (outage.begin <= time) & (time < outage.end)
+        mask[:, n] &= ~(during[:, None] & silent)
+    return mask
+
+
+def _lines(path: Path) -> Iterator[tuple[int, Outage]]:
+    """The outages with the numbers of their lines; at least one."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        reason = error.strerror or "damaged"
+        raise UserError(FIELD, path, f"the file cannot be read ({reason})") from None
+    except UnicodeDecodeError:
+        raise UserError(FIELD, path, "it is no text in UTF-8") from None
+    lines = text.splitlines()
+    separator = ";" if lines and ";" in lines[0] else ","  # as spreadsheets of some countries write
+    reader = csv.DictReader(lines, skipinitialspace=True, delimiter=separator)
+    reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+    columns = tuple(Outage.model_fields)
+    for name in reader.fieldnames:
+        if name not in columns:
+            _wrong(path, 1, f"unknown column {name}; {nearest(name, columns)}")
+    count = 0
+    for row in reader:
+        count += 1
+        yield reader.line_num, _outage(path, reader.line_num, row)
+    if not count:
+        raise UserError(FIELD, path, f"it lists no outage; its columns are {', '.join(columns)}")
+
+
+def _outage(path: Path, line: int, row: "dict[str | None, str | None]") -> Outage:
+    if None in row:
+        _wrong(path, line, "more values than columns")
+    given = {key: value.strip() for key, value in row.items() if value and value.strip()}
+    try:
+        outage = Outage.model_validate(given)
+    except ValidationError as error:
+        _wrong(path, line, first_problem(error))
+    if outage.end <= outage.begin:
+        _wrong(path, line, f"end {outage.end:g} must be after begin {outage.begin:g}")
+    return outage
+
+
+def _wrong(path: Path, line: int, words: str) -> NoReturn:
+    raise UserError(FIELD, path, f"line {line}: {words}")
+
+
+def _slots(name: str) -> BoolArray | None:
+    """(12,): the slots that a name means; None where it means none."""
+    if not name:
+        return np.ones(N_SLOTS, dtype=bool)
+    if name in APPROACHES:
+        return np.asarray(np.arange(N_SLOTS) // len(TURNS) == APPROACHES.index(name))
+    return np.array([slot == name for slot in SLOTS]) if name in SLOTS else None
