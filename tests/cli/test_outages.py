@@ -7,6 +7,8 @@ import pytest
 
 from tests.cli.refusals import check_refusal
 from tsc_missing.network.folder import read_folder
+from tsc_missing.report.loss_map import _costs
+from tsc_missing.report.results import read_results
 from tsc_missing.sensing.masks import load_mask
 
 HORIZON = 300  # [s], 20 steps
@@ -76,3 +78,40 @@ def test_lists_are_an_axis_of_a_suite(command, small_net, listed):
     listed.write_text("intersection\nnowhere\n")
     check_refusal(command, "batch", "lists.toml", "--out", "c", words=["line 2", "nowhere"])
     assert not (command.cwd / "c").exists()
+
+
+def test_which_sensors_are_missed_most(command, small_net):
+    wanted = ("--out", "s", "--seeds", 1, "--method", "max-queue")
+    done = command("net", "outages", small_net, *wanted)
+    assert done.returncode == 0, done.stderr
+    assert "6 lists of outages; the suite has 7 runs" in done.stdout
+    batch = ("s/suite.toml", "--out", "s/runs", "--set", f"horizon={HORIZON}", "--workers", 1)
+    done = command("batch", *batch)
+    assert done.returncode == 0, done.stderr
+    runs = command.cwd / "s" / "runs"
+    network, _, costs = _costs(read_results([runs]), "small", "max-queue", "att_all")
+
+    def att(case):
+        run = json.loads((runs / "runs" / f"small-{case}-max-queue-seed0" / "run.json").read_text())
+        return run["result"]["att_all"]
+
+    assert costs == pytest.approx([att(name) / att("none") - 1 for name in network.ids])
+    assert len({*costs}) > 1
+    done = command("report", "s/runs", "--out", "r")
+    assert done.returncode == 0, done.stderr
+    assert (command.cwd / "r" / "figures" / "losses-small-max-queue.png").stat().st_size > 0
+    check_refusal(command, "net", "outages", small_net, *wanted, words=["--out: s ", "not exist"])
+
+
+def test_approaches_go_silent_one_by_one(command, small_net):
+    network = read_folder(small_net, "small").network
+    wanted = ("--out", "s", "--each", "approach")
+    done = command("net", "outages", small_net, *wanted)
+    assert done.returncode == 0, done.stderr
+    count = int(network.slot_mask.reshape(network.n, 4, 3).any(axis=2).sum())
+    lists = sorted((command.cwd / "s").glob("*.csv"))
+    assert len(lists) == count
+    assert lists[0].read_text() == f"intersection,slot\n{network.ids[0]},E\n"
+    done = command("batch", "s/suite.toml", "--list")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("to run") == 3 * (count + 1)

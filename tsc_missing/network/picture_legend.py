@@ -129,6 +129,7 @@ def add_colour_bar(
     words: str = "share of missing readings",
     colours: str = SHARES,
     percent: bool = True,
+    decimals: int = 0,
 ) -> None:
     """The colours of the shares of missing readings, or of what the ``words`` say.
 
@@ -142,7 +143,7 @@ def add_colour_bar(
         cax=axes,
         orientation="horizontal",
         ticks=MaxNLocator(5, steps=[1, 2, 5, 10]),
-        format=PercentFormatter(1.0, decimals=0, symbol=" %") if percent else None,
+        format=PercentFormatter(1.0, decimals=decimals, symbol=" %") if percent else None,
     )
     bar.set_label(words, size=9.5, color=INK)
     bar.outline.set_linewidth(0.6)

@@ -12,6 +12,7 @@ from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
 from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
 from tsc_missing.report.leading import leading_methods
+from tsc_missing.report.loss_map import loss_maps
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
 from tsc_missing.report.queue_map import map_runs, queue_map
@@ -240,6 +241,7 @@ def _pictures(results: Results, metric: str) -> Iterator[Picture]:
             f"{run.spec.method}, the best of {run.spec.case}, at its first seed."
         )
         drawn.append((f"map-{run.spec.name}", queue_map(run), words))
+    drawn.extend(loss_maps(results, metric))
     for name, figure, words in drawn:
         if figure is not None:
             yield Picture(name, figure, words)

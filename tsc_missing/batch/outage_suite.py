@@ -1,0 +1,70 @@
+"""A suite that takes a network's sensors away one after the other: which is missed most?"""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from tsc_missing.batch.suite import slug
+from tsc_missing.files import whole_folder
+from tsc_missing.network.model import Network
+from tsc_missing.network.slots import APPROACHES, TURNS
+
+FIELD = "--out"
+SUITE = "suite.toml"
+COLUMNS = ("intersection", "slot")
+
+
+def write_outage_suite(
+    network: Network,
+    net: str,
+    out: Path,
+    approaches: bool,
+    methods: Sequence[str],
+    seeds: int,
+) -> tuple[str, ...]:
+    """Write a list of outages for each intersection, and the suite that runs them; their names.
+
+    With ``approaches`` for each approach of each intersection. ``net`` is the network's name or
+    folder; ``seeds`` are counted from 0. The lists are named in the suite as they are seen from
+    the current folder. Raises ``UserError`` unless ``out`` can be made.
+    """
+    lists = dict(_outages(network, approaches))
+    with whole_folder(out, FIELD) as folder:
+        for name, row in lists.items():
+            with (folder / name).open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream, lineterminator="\n").writerows([COLUMNS, row])
+        files = [str(out / name) for name in lists]
+        text = _suite(network.name, net, methods, files, range(seeds))
+        (folder / SUITE).write_text(text, encoding="utf-8")
+    return tuple(lists)
+
+
+def _outages(network: Network, approaches: bool) -> Iterator[tuple[str, tuple[str, str]]]:
+    """The name of each file and its row."""
+    taken: set[str] = set()
+    for n, identity in enumerate(network.ids):
+        there = network.slot_mask[n].reshape(-1, len(TURNS)).any(axis=1)
+        names = [a for a, one in zip(APPROACHES, there, strict=True) if one] if approaches else [""]
+        for approach in names:
+            name = slug("-".join(filter(None, (identity, approach))))
+            while name in taken:  # of ids that only differ in what a file name cannot have
+                name += "_"
+            taken.add(name)
+            yield f"{name}.csv", (identity, approach)
+
+
+def _suite(
+    name: str, net: str, methods: Sequence[str], files: Sequence[str], seeds: Iterable[int]
+) -> str:
+    """Text in TOML, whose strings and lists of strings and numbers are JSON's."""
+    block = (
+        f"[[runs]]\nmethod = {json.dumps(list(methods))}\nnet = {json.dumps(net)}\n"
+        f"seed = {json.dumps(list(seeds))}\n"
+    )
+    lists = ",\n".join(f"  {json.dumps(file)}" for file in files)
+    return (
+        f"title = {json.dumps(f'Which sensor of {name} is missed most')}\n"
+        'about = "Each case has one more outage, for the whole run, than the one with none."\n\n'
+        f'{block}missing.pattern = "none"\n\n{block}missing.file = [\n{lists},\n]\n'
+    )

@@ -1,0 +1,123 @@
+"""A map of what the loss of each intersection's sensors costs, from lists of outages."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from tsc_missing.batch.suite import slug
+from tsc_missing.evaluation.run_folder import MASK
+from tsc_missing.evaluation.scenario import find_scenario
+from tsc_missing.network.coverage import Coverage
+from tsc_missing.network.model import FloatArray, Network
+from tsc_missing.network.picture import DPI, MARGIN, choose_layout, map_axes
+from tsc_missing.network.picture_legend import (
+    add_colour_bar,
+    add_legend,
+    add_scale_bar,
+    add_title,
+    nothing_with,
+)
+from tsc_missing.network.picture_marks import draw_roads, road_band
+from tsc_missing.network.picture_names import draw_names
+from tsc_missing.network.picture_style import INK, WHITE, choose_sizes
+from tsc_missing.network.roads import read_roads
+from tsc_missing.report.results import NOTHING_MISSING, Results, Run
+from tsc_missing.report.statistics import paired
+from tsc_missing.sensing.masks import load_mask
+
+COSTS = "YlOrRd"
+BAR = 2.3  # [inches]
+FINE = 0.05  # share of the whole, below which the bar has decimals
+FEWEST = 3  # intersections, for less a table says it better
+
+
+def loss_maps(results: Results, metric: str) -> Iterator[tuple[str, Figure, str]]:
+    """Name, picture and words for each dataset and method that lost single intersections."""
+    for dataset in results.datasets:
+        for method in results.methods:
+            found = _costs(results, dataset, method, metric)
+            if found is not None:
+                network, run, costs = found
+                words = (
+                    f"What it costs {method} on {dataset} when an intersection's sensors are "
+                    f"silent for the whole run: {metric} beside that with nothing missing, "
+                    "paired by seed, mean over seeds."
+                )
+                yield slug(f"losses-{dataset}-{method}"), _draw(network, run, costs, metric), words
+
+
+def _costs(
+    results: Results, dataset: str, method: str, metric: str
+) -> tuple[Network, Run, FloatArray] | None:
+    """(N,): by how much worse each intersection's loss makes it, NaN where none was tried."""
+    whole = results.values(dataset, NOTHING_MISSING, method, metric)
+    cases = [
+        (case, runs)
+        for case in results.cases(dataset)
+        if (runs := results.of(dataset, case, method))
+        and next(iter(runs.values())).spec.settings.missing.file
+    ]
+    if not whole or len(cases) < FEWEST:
+        return None
+    run = next(iter(cases[0][1].values()))
+    settings = run.spec.settings
+    network = find_scenario(settings.net, settings.demand).folder.network
+    costs = np.full(network.n, np.nan)
+    for case, runs in cases:
+        lost = _lost(next(iter(runs.values())), network)
+        pairs = paired(results.values(dataset, case, method, metric), whole)
+        if lost is not None and len(pairs):
+            costs[lost] = pairs[:, 0].mean() / pairs[:, 1].mean() - 1
+    return (network, run, costs) if np.isfinite(costs).sum() >= FEWEST else None
+
+
+def _lost(run: Run, network: Network) -> int | None:
+    """The intersection that is blind in a run, where all others report always."""
+    path = run.folder / MASK
+    if not path.is_file():
+        return None
+    coverage = Coverage.of_mask(load_mask(path, network), network.slot_mask)
+    alone = coverage.blind.sum() == 1 and not coverage.partly.any()
+    return int(coverage.blind.argmax()) if alone else None
+
+
+def _draw(network: Network, run: Run, costs: FloatArray, metric: str) -> Figure:
+    folder = find_scenario(run.spec.settings.net, run.spec.settings.demand).folder
+    roads = read_roads(folder.net_file, network.record)
+    sizes = choose_sizes(network, roads)
+    tried = np.isfinite(costs)
+    top = max(0.01, float(costs[tried].max()))
+    norm = Normalize(0.0, top)
+    dot: dict[str, Any] = {"ls": "", "marker": "o", "mec": INK, "mew": 0.9, "ms": 10}
+    entries = [
+        (Line2D([], [], mfc="#fd8d3c", **dot), "its sensors silent, others not"),
+        *([] if tried.all() else [(Line2D([], [], mfc=WHITE, **dot), "not tried")]),
+    ]
+    caption = f"{run.spec.method}: {metric} when an intersection loses its sensors"
+    layout = choose_layout(sizes, len(entries) + 1, colours=True, caption=caption)
+    figure = Figure(figsize=layout.figure, dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = map_axes(figure, layout, sizes)
+    draw_roads(axes, roads, sizes)
+    x, y = network.coordinates.T
+    area = (1.5 * sizes.radius * layout.points) ** 2
+    style: dict[str, Any] = {"edgecolors": INK, "linewidths": 0.9, "zorder": 3}
+    axes.scatter(x[~tried], y[~tried], s=area[~tried], c=WHITE, **style)
+    axes.scatter(x[tried], y[tried], s=area[tried], c=costs[tried], cmap=COSTS, norm=norm, **style)
+    labels = [f"{100 * cost:+.1f} %" for cost in costs[tried]]
+    bands = [road_band(road, sizes) for road in roads]
+    note = draw_names(
+        figure, axes, labels, network.coordinates[tried], sizes.radius[tried], bands, shorten=False
+    )
+    entries += [nothing_with(note)] if note else []
+    add_title(figure, layout.title, layout.figure[0] - 2 * MARGIN, run.spec.dataset, caption)
+    add_legend(figure, layout.legend, entries)
+    words, decimals = "above that with nothing missing", int(top < FINE)
+    add_colour_bar(figure, layout.colours, BAR, norm, words, COSTS, decimals=decimals)
+    add_scale_bar(figure, layout.metres, layout.scale, 1.7)
+    return figure
