@@ -1,6 +1,7 @@
 """A list of outages on the command line: a run, a picture, a suite."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -100,6 +101,12 @@ def test_which_sensors_are_missed_most(command, small_net):
     done = command("report", "s/runs", "--out", "r")
     assert done.returncode == 0, done.stderr
     assert (command.cwd / "r" / "figures" / "losses-small-max-queue.png").stat().st_size > 0
+    report = (command.cwd / "r" / "report.md").read_text()
+    losses = report.partition("## What each loss costs")[2].partition("\n## ")[0]
+    shown = re.findall(r"^\| (\S+) \| ([+−][\d.]+) % \|$", losses, re.MULTILINE)
+    order = np.argsort(-costs, kind="stable")
+    assert [name.replace("\\", "") for name, _ in shown] == [network.ids[n] for n in order]
+    assert shown[0][1] == f"+{100 * costs.max():.1f}"
     check_refusal(command, "net", "outages", small_net, *wanted, words=["--out: s ", "not exist"])
 
 

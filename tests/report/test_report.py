@@ -23,6 +23,7 @@ from tsc_missing.report.results import read_results
 from tsc_missing.report.statistics import mean_of, paired, ratio_of
 from tsc_missing.report.style import COLOURS, GREY, End, label_ends, looks, panels
 from tsc_missing.report.tables import (
+    _wide_or_long,
     best_conventional,
     comparison_table,
     pooled_table,
@@ -307,3 +308,12 @@ def test_runs_of_other_demands_are_not_compared(tmp_path):
     (path.parent / "mask.npz").write_bytes(b"another")
     with pytest.raises(UserError, match="seed1 cannot be compared: mask is"):
         read_results([folder])
+
+
+def test_tables_with_many_cases_have_a_row_for_each():
+    header = ["method", *(f"case {k}" for k in range(12))]
+    lines = _wide_or_long(header, [["a", *map(str, range(12))], ["b", *map(str, range(12, 24))]])
+    assert lines[1] == "| case | a | b |"
+    assert lines[3:-1] == [f"| case {k} | {k} | {12 + k} |" for k in range(12)]
+    few = _wide_or_long(header[:4], [["a", "1", "2", "3"]])
+    assert few[1] == "| method | case 0 | case 1 | case 2 |"

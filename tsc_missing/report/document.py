@@ -1,26 +1,18 @@
 """The report as Markdown, with its figures."""
 
-import io
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
-
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
-from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
-from tsc_missing.report.leading import leading_methods
-from tsc_missing.report.loss_map import loss_maps
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
-from tsc_missing.report.queue_map import map_runs, queue_map
-from tsc_missing.report.queues import MINUTE, SMOOTH, queue_figure
+from tsc_missing.report.pictures import Picture, pictures_of
 from tsc_missing.report.results import Results
 from tsc_missing.report.tables import (
     SEES_ALL,
     comparison_table,
+    loss_table,
     pooled_table,
     result_table,
     time_table,
@@ -35,15 +27,6 @@ METRIC_WORDS = {
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure with its file name and what it shows in words."""
-
-    name: str
-    figure: Figure
-    words: str
-
-
-@dataclass(frozen=True)
 class Report:
     """A report: its title, its Markdown and the figures that this refers to."""
 
@@ -55,12 +38,13 @@ class Report:
 def make_report(results: Results, metric: str, command: str = "") -> Report:
     """Everything there is to say about the results; ``command`` is what made the report."""
     title = " and ".join(dict.fromkeys(plan.suite.title for plan in results.plans))
-    pictures = tuple(_pictures(results, metric))
+    pictures = tuple(pictures_of(results, metric))
     lines = [
         f"# {escaped(title)}",
         "",
         *_about(results),
         *_results(results, metric),
+        *_losses(results, metric),
         *_comparison(results, metric),
         *_paper(results),
         *_times(results),
@@ -99,8 +83,8 @@ def _results(results: Results, metric: str) -> list[str]:
         "## Results",
         "",
         f"`{metric}`{METRIC_WORDS.get(metric, '')}, as mean ± standard error over seeds. Of each "
-        "case (a column) the best mean is **bold** and the second <ins>underlined</ins>, whether "
-        "or not the difference is more than chance.",
+        "case (a column; a row where there are many) the best mean is **bold** and the second "
+        "<ins>underlined</ins>, whether or not the difference is more than chance.",
         "",
     ]
     if any("± 0.0" in line for line in tables):
@@ -118,6 +102,22 @@ def _results(results: Results, metric: str) -> list[str]:
             "",
         ]
     return lines + tables
+
+
+def _losses(results: Results, metric: str) -> list[str]:
+    tables = {d: loss_table(results, d, metric) for d in results.datasets}
+    if not any(tables.values()):
+        return []
+    lines = [
+        "## What each loss costs",
+        "",
+        f"By how much `{metric}` is above (+, worse) that of the same method with nothing missing, "
+        "paired by seed, with 95 % intervals as below; the costliest first.",
+        "",
+    ]
+    for dataset, rows in tables.items():
+        lines += [f"### {escaped(dataset)}", *rows] if rows else []
+    return lines
 
 
 def _comparison(results: Results, metric: str) -> list[str]:
@@ -206,58 +206,6 @@ def _figures(pictures: tuple[Picture, ...]) -> list[str]:
     return lines
 
 
-def _pictures(results: Results, metric: str) -> Iterator[Picture]:
-    drawn: list[tuple[str, Figure | None, str]] = [
-        (
-            "missing-rate",
-            rate_figure(results, metric),
-            "Travel time against the missing rate; bars are standard errors over seeds, and dotted "
-            f"what sees everything.{_scale_words(results, metric)} The scales do not begin at 0; "
-            "an arrow stands for a line that ends above the scale, with its value there.",
-        ),
-        (
-            "generalisation",
-            generalisation_figure(results, metric),
-            "Weights trained at one missing rate and tested at another: travel time divided by "
-            "that of the weights trained at the tested rate. Above 1 is worse than these.",
-        ),
-        (
-            "imputation",
-            imputation_figure(results, metric),
-            "Travel time against the error of imputation, means over seeds; a larger marker is a "
-            "larger missing rate. Methods that impute nothing are not shown.",
-        ),
-        (
-            "queues",
-            queue_figure(results, metric),
-            "Vehicles in queues over time in the whole network, mean over seeds and a moving mean "
-            f"over {SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
-            f"{_scale_words(results, metric)} Grey lines may leave the scale.",
-        ),
-    ]
-    for run in map_runs(results, metric):
-        words = (
-            f"Mean queue of every road of {run.spec.dataset}, and which sensors are missing: "
-            f"{run.spec.method}, the best of {run.spec.case}, at its first seed."
-        )
-        drawn.append((f"map-{run.spec.name}", queue_map(run), words))
-    drawn.extend(loss_maps(results, metric))
-    for name, figure, words in drawn:
-        if figure is not None:
-            yield Picture(name, figure, words)
-
-
-def _scale_words(results: Results, metric: str) -> str:
-    """What colours mean, where some methods are grey."""
-    leading = leading_methods(results, metric)
-    if len(leading) == len(results.methods):
-        return ""
-    return (
-        f" In colour the {len(leading)} methods that are best over all cases, the others grey; the "
-        "scale is that of the methods in colour."
-    )
-
-
 def _making(results: Results, command: str) -> list[str]:
     versions = ", ".join(
         f"{name} {' and '.join(all_)}" for name, all_ in results.versions().items()
@@ -277,12 +225,3 @@ def _making(results: Results, command: str) -> list[str]:
 def _seed_words(seeds: list[int]) -> str:
     whole = seeds == list(range(seeds[0], seeds[-1] + 1)) and len(seeds) > 2
     return f"{seeds[0]} to {seeds[-1]}" if whole else ", ".join(map(str, seeds))
-
-
-def render(figure: Figure, suffix: str) -> bytes:
-    """A figure as a file's bytes (``png`` or ``svg``), the same ones every time."""
-    stream = io.BytesIO()
-    with rc_context({"svg.hashsalt": "tsc-missing", "svg.fonttype": "path"}):
-        metadata = {"Date": None} if suffix == "svg" else None
-        figure.savefig(stream, format=suffix, metadata=metadata)
-    return stream.getvalue()

@@ -16,6 +16,7 @@ from tsc_missing.report.results import NOTHING_MISSING, Results
 from tsc_missing.report.statistics import mean_of, paired, ratio_of
 
 SEES_ALL = "°"
+MOST_COLUMNS = 10  # cases beside each other
 
 
 def named(results: Results, method: str) -> str:
@@ -30,7 +31,15 @@ def result_table(results: Results, dataset: str, metric: str, digits: int = 1) -
     columns = [_column(results, dataset, case, metric, digits) for case in cases]
     methods = [m for m in results.methods if any(m in column for column in columns)]
     rows = [[named(results, m), *(column.get(m, NOTHING) for column in columns)] for m in methods]
-    return table(["method", *map(escaped, cases)], rows)
+    return _wide_or_long(["method", *map(escaped, cases)], rows)
+
+
+def _wide_or_long(header: list[str], rows: list[list[str]]) -> list[str]:
+    """A table with a column a case; with a row a case where that would be too wide to read."""
+    if len(header) - 1 <= MOST_COLUMNS:
+        return table(header, rows)
+    turned = [list(line) for line in zip(header, *rows, strict=True)]
+    return table(["case", *turned[0][1:]], turned[1:])
 
 
 def _column(results: Results, dataset: str, case: str, metric: str, digits: int) -> dict[str, str]:
@@ -87,7 +96,48 @@ def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
         if any(cell != NOTHING for cell in cells):
             rows.append([named(results, method), *cells])
     against = ["*base*", *(escaped(base) if base else NOTHING for base in bases.values())]
-    return table(["method", *map(escaped, cases)], [against, *rows])
+    return _wide_or_long(["method", *map(escaped, cases)], [against, *rows])
+
+
+def loss_table(results: Results, dataset: str, metric: str) -> list[str]:
+    """What outages that were listed cost each method beside nothing missing, the worst first.
+
+    Nothing where there are none, or nothing to hold them against.
+    """
+    cases = [case for case in results.cases(dataset) if is_listed(results, dataset, case)]
+    costs = {
+        case: {m: ratio_of([_between(results, dataset, m, case, metric)]) for m in results.methods}
+        for case in cases
+    }
+    methods = [m for m in results.methods if any(costs[case][m] is not None for case in cases)]
+    if not methods:
+        return []
+
+    def worst(case: str) -> float:
+        return -max(ratio.value for ratio in costs[case].values() if ratio is not None)
+
+    found = [case for case in cases if any(costs[case].values())]
+    rows = [
+        [escaped(case), *(change_words(costs[case][m]) for m in methods)]
+        for case in sorted(found, key=worst)
+    ]
+    return table(["silent", *(named(results, m) for m in methods)], rows)
+
+
+def is_listed(results: Results, dataset: str, case: str) -> bool:
+    """Whether a case is a list of outages or a mask that was given."""
+    runs = (results.of(dataset, case, method) for method in results.methods)
+    return any(run.spec.settings.missing.file for all_ in runs for run in all_.values())
+
+
+def _between(
+    results: Results, dataset: str, method: str, case: str, metric: str
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """(n, 2): a case of a method and nothing missing, by seed."""
+    return paired(
+        results.values(dataset, case, method, metric),
+        results.values(dataset, NOTHING_MISSING, method, metric),
+    )
 
 
 def _pairs(

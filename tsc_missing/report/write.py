@@ -6,8 +6,9 @@ from pathlib import Path
 
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.files import check_writable, whole_folder
-from tsc_missing.report.document import FIGURES, make_report, render
+from tsc_missing.report.document import FIGURES, make_report
 from tsc_missing.report.page import to_html
+from tsc_missing.report.pictures import render
 from tsc_missing.report.results import read_results
 
 FIELD = "--out"

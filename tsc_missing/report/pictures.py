@@ -1,0 +1,86 @@
+"""All figures of a report, with what they show in words."""
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
+from tsc_missing.report.leading import leading_methods
+from tsc_missing.report.loss_map import loss_maps
+from tsc_missing.report.queue_map import map_runs, queue_map
+from tsc_missing.report.queues import MINUTE, SMOOTH, queue_figure
+from tsc_missing.report.results import Results
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its file name and what it shows in words."""
+
+    name: str
+    figure: Figure
+    words: str
+
+
+def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
+    """Those that the results have something to show for."""
+    drawn: list[tuple[str, Figure | None, str]] = [
+        (
+            "missing-rate",
+            rate_figure(results, metric),
+            "Travel time against the missing rate; bars are standard errors over seeds, and dotted "
+            f"what sees everything.{_scale_words(results, metric)} The scales do not begin at 0; "
+            "an arrow stands for a line that ends above the scale, with its value there.",
+        ),
+        (
+            "generalisation",
+            generalisation_figure(results, metric),
+            "Weights trained at one missing rate and tested at another: travel time divided by "
+            "that of the weights trained at the tested rate. Above 1 is worse than these.",
+        ),
+        (
+            "imputation",
+            imputation_figure(results, metric),
+            "Travel time against the error of imputation, means over seeds; a larger marker is a "
+            "larger missing rate. Methods that impute nothing are not shown.",
+        ),
+        (
+            "queues",
+            queue_figure(results, metric),
+            "Vehicles in queues over time in the whole network, mean over seeds and a moving mean "
+            f"over {SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
+            f"{_scale_words(results, metric)} Grey lines may leave the scale.",
+        ),
+    ]
+    for run in map_runs(results, metric):
+        words = (
+            f"Mean queue of every road of {run.spec.dataset}, and which sensors are missing: "
+            f"{run.spec.method}, the best of {run.spec.case}, at its first seed."
+        )
+        drawn.append((f"map-{run.spec.name}", queue_map(run), words))
+    drawn.extend(loss_maps(results, metric))
+    for name, figure, words in drawn:
+        if figure is not None:
+            yield Picture(name, figure, words)
+
+
+def _scale_words(results: Results, metric: str) -> str:
+    """What colours mean, where some methods are grey."""
+    leading = leading_methods(results, metric)
+    if len(leading) == len(results.methods):
+        return ""
+    return (
+        f" In colour the {len(leading)} methods that are best over all cases, the others grey; the "
+        "scale is that of the methods in colour."
+    )
+
+
+def render(figure: Figure, suffix: str) -> bytes:
+    """A figure as a file's bytes (``png`` or ``svg``), the same ones every time."""
+    stream = io.BytesIO()
+    with rc_context({"svg.hashsalt": "tsc-missing", "svg.fonttype": "path"}):
+        metadata = {"Date": None} if suffix == "svg" else None
+        figure.savefig(stream, format=suffix, metadata=metadata)
+    return stream.getvalue()
