@@ -92,3 +92,17 @@ def test_random_takes_every_phase_that_is_there_about_equally_often():
     run = np.array([controller.decide(observe(network, step=step)) for step in range(1200)])
     counts = np.array([np.bincount(run[:, n], minlength=4) for n in range(2)])
     np.testing.assert_allclose(counts / 1200, [[0.25] * 4, [1 / 3] * 3 + [0]], atol=0.05)
+
+
+@needs_torch
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("difflight", "tsc-train lookahead"),
+        ("attendlight", "tsc-train attendlight"),
+        ("bc", "tsc-train bc --data data/jinan_1"),
+    ],
+)
+def test_weights_of_a_policy_that_are_not_there_name_what_makes_such(name, command):
+    with pytest.raises(UserError, match=f"`{command}` makes some"):
+        make_controller(name, "sfm", "none", q_weights="nowhere", net="jinan_1")

@@ -32,6 +32,7 @@ from tsc_missing.own_code import is_own, make_own
 from tsc_missing.weights.find import FIELD as WEIGHTS
 from tsc_missing.weights.find import find_weights, packaged_weights
 
+MAKES_VALUES = f"tsc-train {LOOKAHEAD}"
 LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
@@ -127,7 +128,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
         find_weights(settings.weights),
         steps,
         settings.scoring,
-        find_weights(values) if by_value(DIFFLIGHT, settings) else None,
+        find_weights(values, MAKES_VALUES) if by_value(DIFFLIGHT, settings) else None,
         settings.samples,
         blind_steps,
     )
@@ -153,15 +154,15 @@ def _learned(name: str, q_weights: str, net: str) -> Controller:
     if name not in BASELINES:
         from tsc_missing.qlearning.controller import make_q_policy
 
-        return make_q_policy(name, find_weights(weights))
+        return make_q_policy(name, find_weights(weights, f"tsc-train {name}"))
     from tsc_missing.baselines.controller import make_baseline
 
+    command = train_command(name, network_name(net))
     if q_weights == "auto" and weights not in packaged_weights():
         raise UserError(
             WEIGHTS,
             weights,
-            f"`{train_command(name, network_name(net))}` makes them, and "
-            f"--policy-weights runs/train-{weights} uses them",
+            f"`{command}` makes them, and --policy-weights runs/train-{weights} uses them",
             verdict="are not in the package",
         )
-    return make_baseline(name, find_weights(weights))
+    return make_baseline(name, find_weights(weights, command))

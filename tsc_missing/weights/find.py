@@ -17,11 +17,12 @@ def packaged_weights() -> list[str]:
     return sorted(path.parent.name for path in FOLDER.glob(f"*/{FILE}"))
 
 
-def find_weights(name: str) -> Path:
+def find_weights(name: str, command: str = COMMAND) -> Path:
     """The file of the packaged weights ``name``, or of those at the path ``name``.
 
     A path is that of a weights file or of a folder with a ``weights.safetensors``; a name may also
-    be that of a training in ``runs``. Raises ``UserError`` where there is none of these.
+    be that of a training in ``runs``. Raises ``UserError`` where there is none of these, which says
+    what makes weights of that name, or else the ``command`` that makes some of the kind.
     """
     packaged = packaged_weights()
     if name in packaged:
@@ -32,17 +33,17 @@ def find_weights(name: str) -> Path:
     allowed = "allowed: the path of a file, as none come with this installation"
     if packaged:
         allowed = f"{nearest(name, packaged)}, or the path of a file"
-    raise UserError(FIELD, name or "nothing", f"{allowed}; `{_command(name)}` makes some")
+    raise UserError(FIELD, name or "nothing", f"{allowed}; `{_command(name, command)}` makes some")
 
 
-def _command(name: str) -> str:
-    """What makes weights of that name, or else the default ones."""
+def _command(name: str, default: str) -> str:
+    """What makes weights of that name, or else the ``default`` command."""
     method, _, log = name.partition("-")
     net, _, pattern = log.rpartition("-")
     if method in ("strict", "paper") and net and pattern in ("random", "kriging"):
         option = "" if method == "strict" else f" --method {method}"
         return f"python -m tools.strict {net} {pattern}{option}"
-    return f"tsc-train {name if name in bundled_trainings() else DEFAULT}"
+    return f"tsc-train {name}" if name in bundled_trainings() else default
 
 
 def _is_file(path: Path) -> bool:
