@@ -73,7 +73,9 @@ class MissingSettings(Settings):
     def file_words(self) -> str:
         """What a file is called in the names of runs: ``replayed`` for the mask of a run."""
         path = PurePath(self.file)
-        return "replayed" if path.name == "mask.npz" else path.stem
+        if path.name == "mask.npz":
+            return "replayed"
+        return path.name if path.stem in ("none", "replayed") else path.stem
 
     @model_validator(mode="before")
     @classmethod
@@ -169,6 +171,12 @@ class RunSettings(Settings):
     horizon: int = Field(3600, gt=0)  # [s]
     seed: int = Field(0, ge=0, lt=SEEDS)
     mask_seed: int | None = Field(None, ge=0, lt=SEEDS)  # of the mask alone; None: seed
+
+    @model_validator(mode="after")
+    def _draws_what_has_a_seed(self) -> Self:
+        if self.missing.file and self.mask_seed is not None:
+            raise ValueError("a mask_seed cannot go with a file, from which nothing is drawn")
+        return self
 
     @property
     def seed_of_mask(self) -> int:

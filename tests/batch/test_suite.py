@@ -1,15 +1,20 @@
 """Suites: what they say, and every way to get one wrong."""
 
+import numpy as np
 import pytest
 
+from tests.networks import grid_network
 from tsc_missing.batch.check import available
 from tsc_missing.batch.keys import leaves, nested
+from tsc_missing.batch.outage_suite import write_outage_suite
 from tsc_missing.batch.suite import bundled_suites, read_suite
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.errors import UserError
+from tsc_missing.network.model import Network
 from tsc_missing.paths import bundled
 from tsc_missing.report.paper import Condition, find_number, paper_numbers, parse_condition
+from tsc_missing.sensing.outage_list import read_outages
 from tsc_missing.training.config import read_training
 
 TABLES = {  # a suite repeats a table of the paper: suite -> number of its numbers in ours
@@ -238,3 +243,31 @@ def test_an_unknown_controller_is_no_want_of_weights(tmp_path):
     for skip in (False, True):
         with pytest.raises(UserError, match="own, controller: difflght is not"):
             available(suite.runs, skip)
+
+
+@pytest.mark.parametrize(
+    "ids",
+    [
+        ("路口一", "路口二"),
+        ("a/b", "a b", "a_b"),
+        ("a", "A", "a_"),
+        ("none", "x"),
+        ("y" * 300, "z"),
+    ],
+)
+def test_suites_of_outages_can_be_read_whatever_intersections_are_called(ids, tmp_path):
+    network = grid_network(1, len(ids))
+    nodes = zip(network.record.intersections, ids, strict=True)
+    called = tuple(node.model_copy(update={"id": name}) for node, name in nodes)
+    record = network.record.model_copy(update={"intersections": called})
+    network = Network("städtchen", record)
+    out = tmp_path / "s"
+    names = write_outage_suite(network, "jinan", out, False, ["max-queue"], 2)
+    suite = read_suite(str(out / "suite.toml"))
+    assert len({run.name for run in suite.runs}) == 2 * (len(ids) + 1)
+    assert {run.case for run in suite.runs if not run.settings.missing.file} == {"none"}
+    assert "none" not in {run.case for run in suite.runs if run.settings.missing.file}
+    for n, name in enumerate(names):
+        mask = read_outages(out / name, network, 2, 15.0) | ~network.slot_mask
+        assert not mask[:, n][:, network.slot_mask[n]].any()
+        assert np.delete(mask, n, axis=1).all()

@@ -30,7 +30,7 @@ from tests.cli.refusals import refused
         (["--mask", "m.npz", "--missing", "random", "--rate", "0"], ["--rate: 0", "--mask"]),
         (["--mask", "m.npz", "--mask-seed", "1"], ["--mask-seed: 1", "--mask"]),
         (["--mask", "m.npz", "--missing", "random"], ["--missing: random", "--mask"]),
-        (["--mask", "m.npz", "--adjacent"], ["adjacent", "kriging"]),
+        (["--mask", "m.npz", "--adjacent"], ["--adjacent: set", "--mask"]),
         (["--missing", "file", "--rate", "0.1"], ["--missing: file", "--mask FILE"]),
         (["--volume", "0"], ["--volume", "0"]),
         (["--volume", "nan"], ["--volume", "nan"]),

@@ -30,7 +30,7 @@ def test_a_run_loses_what_the_list_says(command, small_net, listed):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["out"] == "runs/small-centre-max-queue-seed0"
-    assert found["mask"] == "replayed"
+    assert found["mask"] == "listed"
     assert found["settings"]["missing"]["pattern"] == "file"
     assert "mask: centre.csv" in found["checksums"]
     network = read_folder(small_net, "small").network

@@ -1,9 +1,11 @@
 """Controllers and imputers of users' own, as docs/controllers.md has them, on the command line."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.cli.refusals import check_refusal
@@ -33,6 +35,30 @@ def mine(command):
         "    def fill(self, observation):\n"
         "        filled = super().fill(observation)\n"
         "        return filled.filled(filled.values / 2, filled.exits)\n"
+        "class Leaves(LongestWait):\n"
+        "    def decide(self, observation):\n"
+        "        print('going')\n"
+        "        raise SystemExit(0)\n"
+        "class Resets(LongestWait):\n"
+        "    def reset(self, context):\n"
+        "        raise ValueError('no')\n"
+        "class Nowhere(LongestWait):\n"
+        "    def decide(self, observation):\n"
+        "        return super().decide(observation) + 99\n"
+        "class Scribbles(LongestWait):\n"
+        "    def reset(self, context):\n"
+        "        super().reset(context)\n"
+        "        context.turning_flows[:] = 0\n"
+        "        context.sensors[:] = False\n"
+        "    def decide(self, observation):\n"
+        "        phases = super().decide(observation)\n"
+        "        self.network.phases[:] = False\n"
+        "        self.network.phase_mask[:] = False\n"
+        "        observation.red_steps[:] = 0\n"
+        "        observation.values[:] = 0\n"
+        "        return phases * 0\n"
+        "class Unsure(LongestWait):\n"
+        "    needs_values = 'yes'\n"
     )
     return path
 
@@ -108,13 +134,92 @@ def test_one_that_raises_is_answered_for_and_the_table_says_why(command, mine, s
         ("mine.py:np", ["tsc_missing.controllers.base.Controller"]),
         ("mine.py:AsOthers", ["tsc_missing.controllers.base.Controller"]),
         ("mine.py:Controller", ["it must define decide, reset"]),
+        ("mine.py", ["FILE.py:CLASS"]),
+        ("leaves.py:Mine", ["loading leaves.py raised RuntimeError: it called sys.exit(0)"]),
+        ("bad.py:Resets", ["reset raised ValueError: no"]),
+        ("bad.py:Unsure", ["needs_values must be True or False"]),
         ("bad.py:Wants", ["making one raised TypeError", "option"]),
     ],
 )
 def test_what_is_no_controller(command, mine, name, words):
     (command.cwd / "broken.py").write_text("def:\n")
+    (command.cwd / "leaves.py").write_text("raise SystemExit(0)\n")
     check_refusal(command, "run", "--controller", name, words=["controller: ", *words])
     assert not (command.cwd / "runs").exists()
+
+
+def test_one_that_leaves_python_costs_its_own_decisions_only(command, mine, small_net):
+    found = run(command, "--net", small_net, *HALF, "--controller", "bad.py:Leaves")
+    assert found["result"]["fallbacks"] == 60
+    assert "it called sys.exit(0)" in found["fallback_error"]
+    (command.cwd / "own.toml").write_text(
+        f'[[runs]]\nmethod = ["bad.py:Leaves", "max-queue"]\nnet = "{small_net}"\nhorizon = 60\n'
+    )
+    done = command("batch", "own.toml", "--out", "b", "--workers", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["finished"] == 2
+    done = command("check", "bad.py:Leaves", "--net", small_net)
+    assert done.returncode == 1
+    assert "it called sys.exit(0)" in done.stderr
+
+
+def test_what_it_writes_into_what_it_gets_reaches_nobody(command, mine, small_net):
+    options = ("--net", small_net, "--horizon", 900, "--no-decisions")
+    own = (*options, "--controller", "bad.py:Scribbles")
+    found = run(command, *own, "--max-red", 60)
+    stuck = run(command, *own, "--max-red", 0)
+    assert found["result"]["fallbacks"] == 0
+    assert found["result"]["att_all"] < stuck["result"]["att_all"]
+
+
+def test_files_of_one_name_beside_two_controllers(command, mine, small_net):
+    methods = []
+    for folder, phase in (("one", 0), ("two", 1)):
+        (command.cwd / folder).mkdir()
+        (command.cwd / folder / "helper.py").write_text(f"PHASE = {phase}\nASKED = []\n")
+        (command.cwd / folder / "mine.py").write_text(
+            example("python").replace("import numpy as np", "import numpy as np\nimport helper")
+            + "\n\nclass Helped(LongestWait):\n"
+            "    needs_values = False\n"
+            "    def reset(self, context):\n"
+            "        helper.ASKED.append(1)\n"
+            "        super().reset(context)\n"
+            "    def decide(self, observation):\n"
+            "        again = len(helper.ASKED) > 1\n"
+            "        return np.full(self.network.n, 3 if again else helper.PHASE)\n"
+        )
+        methods.append(f"{folder}/mine.py:Helped")
+    (command.cwd / "own.toml").write_text(
+        f'[[runs]]\nmethod = {json.dumps(methods)}\nnet = "{small_net}"\nhorizon = 150\n'
+        "signals.max_red = 0\nseed = [0, 1]\n"
+    )
+    done = command("batch", "own.toml", "--out", "b", "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    for folder, phase in (("one", 0), ("two", 1)):
+        for seed in (0, 1):
+            name = f"small-none-{folder}_mine.py_Helped-seed{seed}"
+            table = pq.read_table(command.cwd / "b" / "runs" / name / "decisions.parquet")
+            assert set(table["phase"].to_pylist()) == {phase}
+
+
+def test_what_ran_is_what_is_recorded_whatever_becomes_of_the_file(command, mine, small_net):
+    (command.cwd / "gone.py").write_text(
+        "from pathlib import Path\n" + mine.read_text() + "\n\nclass Gone(LongestWait):\n"
+        "    def decide(self, observation):\n"
+        "        Path('gone.py').unlink(missing_ok=True)\n"
+        "        return super().decide(observation)\n"
+    )
+    was = hashlib.sha256((command.cwd / "gone.py").read_bytes()).hexdigest()
+    found = run(command, "--net", small_net, *HALF, "--controller", "gone.py:Gone")
+    assert found["checksums"]["code: gone.py:Gone"] == was
+    assert found["result"]["fallbacks"] == 0
+
+
+def test_a_log_has_no_phase_that_is_none(command, mine, small_net):
+    wanted = ("--net", small_net, "--demand", "auto", "--episodes", 1, "--horizon", 150)
+    for name, words in (("Nowhere", "decide gave no phase of"), ("Raises", "no idea")):
+        policy = ("--unaware", 0, "--policy", f"bad.py:{name}")
+        check_refusal(command, "collect", "--out", name, *wanted, *policy, words=[words])
 
 
 def test_a_batch_notices_when_the_code_has_changed(command, mine, small_net):
@@ -131,6 +236,7 @@ def test_a_batch_notices_when_the_code_has_changed(command, mine, small_net):
     done = command("batch", *batch)
     assert done.returncode == 2
     assert "code: mine.py:LongestWait" in done.stderr
+    mine.unlink()  # a report is made of the runs alone
     done = command("report", "b", "--out", "r")
     assert done.returncode == 0, done.stderr
     assert "mine.py:LongestWait" in (command.cwd / "r" / "report.md").read_text()
@@ -141,7 +247,11 @@ def test_logs_of_a_policy_of_ones_own(command, mine, small_net):
     done = command("collect", "--out", "log", *wanted, "--policy", "mine.py:LongestWait")
     assert done.returncode == 0, done.stderr
     manifest = json.loads((command.cwd / "log" / "manifest.json").read_text())
-    assert set(manifest["code"]) == {"mine.py:LongestWait"}
+    assert set(manifest["settings"]["code"]) == {"mine.py:LongestWait"}
+    mine.write_text(mine.read_text() + "\n# changed\n")
+    more = ("--net", small_net, "--demand", "auto", "--episodes", 2, "--horizon", 150)
+    again = ("--out", "log", *more, "--policy", "mine.py:LongestWait")
+    check_refusal(command, "collect", *again, words=["out: log ", "begun with code"])
     other = ("--out", "other", *wanted, "--policy", "mine.py:LongWait")
     check_refusal(command, "collect", *other, words=["policy: ", "did you mean LongestWait?"])
     assert not (command.cwd / "other").exists()

@@ -43,10 +43,14 @@ def test_a_reading_is_lost_where_a_line_says_so(tmp_path_factory, rows):
     lines = [",".join("" if part is None else str(part) for part in row) for row in rows]
     text = "\n".join(["intersection,slot,begin,end", *lines])
     path = written(tmp_path_factory.mktemp("list"), text)
-    mask = read_outages(path, NETWORK, STEPS, INTERVAL)
-    for step, n, k in product(range(STEPS), range(NETWORK.n), range(len(SLOTS))):
-        lost = any(silent(row, step, NETWORK.ids[n], SLOTS[k]) for row in rows)
-        assert mask[step, n, k] == (not lost)
+    cells = product(range(STEPS), NETWORK.ids, SLOTS)
+    lost = [any(silent(row, *cell) for row in rows) for cell in cells]
+    if any(lost):
+        mask = read_outages(path, NETWORK, STEPS, INTERVAL)
+        assert (mask.ravel() == ~np.array(lost)).all()
+    else:
+        with pytest.raises(UserError, match="no outage is in the 180 s of the run"):
+            read_outages(path, NETWORK, STEPS, INTERVAL)
 
 
 def test_slots_that_are_not_there_count_as_reported(tmp_path):
@@ -82,7 +86,13 @@ def test_what_spreadsheets_make_of_it(tmp_path, separator):
         ("intersection\n", "it lists no outage"),
         (b"\xff\xfe", "no text in UTF-8"),
         ("intersection,slots\n{0},N", "line 1: unknown column slots; did you mean slot"),
-        ("slot\nN", "line 2: at intersection"),
+        ("slot\nN", "line 1: it must have a column intersection"),
+        ("intersection,slot\n,N", "line 2: no intersection"),
+        ("intersection,intersection\n{0},{0}", "line 1: a column is there twice"),
+        ("intersection,\n{0},", "line 1: unknown column without a name"),
+        ('intersection\n"' + 200_000 * "x", "it is no CSV"),
+        ("intersection,begin,end\n{0},25200,28800", "no outage is in the 180 s of the run"),
+        ("intersection,begin,end\n{0},61,74", "with a decision every 15 s"),
         ("intersection\nnowhere", "line 2: no intersection nowhere"),
         ("intersection,slot\n{0},North", "line 2: no slot North"),
         ("intersection,begin\n{0},1\n{0},soon", "line 3: at begin"),

@@ -48,7 +48,8 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             method, command = _lacks(run)
             lacking[method] = _also(lacking.get(method), command)
         else:
-            raise UserError(f"method {run.method}, {problem.field}", problem.value, problem.allowed)
+            field = f"method {run.method}, {problem.field}"
+            raise UserError(field, problem.value, problem.allowed, problem.verdict)
     if lacking and not skip:
         raise UserError(
             METHODS,

@@ -12,6 +12,8 @@ from tsc_missing.network.slots import APPROACHES, TURNS
 
 FIELD = "--out"
 SUITE = "suite.toml"
+NOTHING = "none"  # the case of the runs that the others are held against
+LONGEST = 80  # characters of a file's name
 COLUMNS = ("intersection", "slot")
 
 
@@ -42,15 +44,16 @@ def write_outage_suite(
 
 def _outages(network: Network, approaches: bool) -> Iterator[tuple[str, tuple[str, str]]]:
     """The name of each file and its row."""
-    taken: set[str] = set()
+    taken = {NOTHING}
     for n, identity in enumerate(network.ids):
         there = network.slot_mask[n].reshape(-1, len(TURNS)).any(axis=1)
         names = [a for a, one in zip(APPROACHES, there, strict=True) if one] if approaches else [""]
         for approach in names:
-            name = slug("-".join(filter(None, (identity, approach))))
-            while name in taken:  # of ids that only differ in what a file name cannot have
-                name += "_"
-            taken.add(name)
+            plain = "-".join(filter(None, (identity, approach)))
+            name = slug(plain)[:LONGEST]
+            if name != plain or name.lower() in taken:  # several ids may come to the same
+                name = f"{name}-{n}"
+            taken.add(name.lower())
             yield f"{name}.csv", (identity, approach)
 
 
@@ -58,13 +61,16 @@ def _suite(
     name: str, net: str, methods: Sequence[str], files: Sequence[str], seeds: Iterable[int]
 ) -> str:
     """Text in TOML, whose strings and lists of strings and numbers are JSON's."""
+
+    def text(value: object) -> str:
+        return json.dumps(value, ensure_ascii=False)
+
     block = (
-        f"[[runs]]\nmethod = {json.dumps(list(methods))}\nnet = {json.dumps(net)}\n"
-        f"seed = {json.dumps(list(seeds))}\n"
+        f"[[runs]]\nmethod = {text(list(methods))}\nnet = {text(net)}\nseed = {text(list(seeds))}\n"
     )
-    lists = ",\n".join(f"  {json.dumps(file)}" for file in files)
+    lists = ",\n".join(f"  {text(file)}" for file in files)
     return (
-        f"title = {json.dumps(f'Which sensor of {name} is missed most')}\n"
+        f"title = {text(f'Which sensor of {name} is missed most')}\n"
         'about = "Each case has one more outage, for the whole run, than the one with none."\n\n'
         f'{block}missing.pattern = "none"\n\n{block}missing.file = [\n{lists},\n]\n'
     )

@@ -15,6 +15,7 @@ from tsc_missing.offline.plan import CollectSettings
 
 app = make_app("Collect an offline dataset: behaviour policies with exploration, in closed loop.")
 
+DRAWN = "the holes of a log are drawn, by one of the other patterns"
 DEFAULT = CollectSettings(nets=("jinan",))
 
 
@@ -90,7 +91,7 @@ def collect(
         unaware=unaware,
         lost=tuple(lost or DEFAULT.lost),
         min_space=min_space,
-        missing={"pattern": missing, "rate": missing_rate(missing, rate)},
+        missing={"pattern": missing, "rate": missing_rate(missing, rate, advice=DRAWN)},
         horizon=horizon,
         episodes=episodes,
         seed=seed,

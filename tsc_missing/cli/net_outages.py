@@ -1,5 +1,6 @@
 """``tsc-net outages``: a suite that takes a network's sensors away one after the other."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -38,9 +39,10 @@ def outages(
     from tsc_missing.evaluation.overview import find_network
 
     folder, _ = find_network(make_settings(net=net))
-    methods = method or [DEFAULT.controller]
+    methods = list(dict.fromkeys(method or [DEFAULT.controller]))
     names = write_outage_suite(folder.network, net, out, each == "approach", methods, seeds)
     runs = (len(names) + 1) * len(methods) * seeds
     print(f"{len(names)} lists of outages; the suite has {runs} runs:\n")
-    print(f"  tsc-batch {out / SUITE} --out {out / 'runs'}")
-    print(f"  tsc-report {out / 'runs'}")
+    suite, results = shlex.quote(str(out / SUITE)), shlex.quote(str(out / "runs"))
+    print(f"  tsc-batch {suite} --out {results}")
+    print(f"  tsc-report {results}")

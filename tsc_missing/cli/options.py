@@ -48,18 +48,25 @@ def _allowed(problem: Any) -> str:
     return str(problem["msg"]).removeprefix("Value error, ")
 
 
-def check_replay(pattern: str, rate: float | None, mask_seed: int | None) -> None:
+def check_replay(pattern: str, rate: float | None, mask_seed: int | None, adjacent: bool) -> None:
     """Raise ``UserError`` for what says how a mask is drawn, where one is read instead."""
     wanted = None if pattern == "none" else pattern
     for option, value in (("--rate", rate), ("--mask-seed", mask_seed), ("--missing", wanted)):
         if value is not None:
             raise UserError(option, value, "it cannot go with --mask, which draws nothing")
+    if adjacent:
+        raise UserError("--adjacent", "set", "it cannot go with --mask, which draws nothing")
 
 
-def missing_rate(pattern: str, rate: float | None, needed: bool = True) -> float:
-    """The rate that goes with a pattern; ``needed`` says whether a pattern must have one."""
+def missing_rate(
+    pattern: str, rate: float | None, needed: bool = True, advice: str = "name it by --mask FILE"
+) -> float:
+    """The rate that goes with a pattern; ``needed`` says whether a pattern must have one.
+
+    ``advice`` is what is said of the pattern file, which a file itself says.
+    """
     if pattern == "file" and needed:
-        raise UserError("--missing", pattern, "name the file itself: --mask FILE")
+        raise UserError("--missing", pattern, advice)
     if pattern == "none" and rate:
         raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
     if needed and pattern != "none" and rate is None:

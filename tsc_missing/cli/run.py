@@ -148,7 +148,7 @@ def run(
 ) -> None:
     """Run one simulation in closed loop, with sensors missing, and account for it."""
     if mask is not None:
-        check_replay(missing, rate, mask_seed)
+        check_replay(missing, rate, mask_seed, adjacent)
     settings = make_settings(
         net=net,
         demand=demand,

@@ -11,12 +11,12 @@ from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime, PlainCycle
 from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
+from tsc_missing.controllers.own import FIELD
 from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.own_code import is_own, own_class
 from tsc_missing.simulation.native import AS_BUILT, KINDS
 
-FIELD = "controller"
 NATIVE = (*KINDS, AS_BUILT)  # SUMO's own programs: names for comparisons, not controllers
 
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
@@ -53,7 +53,10 @@ def is_learned(name: str) -> bool:
 def needs_values(name: str) -> bool:
     """Whether the controller of this name sees observations through an imputer."""
     if is_own(name):
-        return own_class(name, FIELD, Controller).needs_values
+        found = own_class(name, FIELD, Controller).needs_values
+        if not isinstance(found, bool):
+            raise UserError(FIELD, name, "its needs_values must be True or False, on the class")
+        return found
     return is_learned(name) or (name in CONTROLLERS and CONTROLLERS[name]().needs_values)
 
 

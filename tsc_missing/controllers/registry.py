@@ -10,11 +10,11 @@ from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.catalogue import (
     CONTROLLERS,
     DIFFLIGHT,
-    FIELD,
     LEARNED,
     VALUE,
     by_value,
     is_learned,
+    needs_values,
     require_controller,
 )
 from tsc_missing.controllers.difflight import DiffLight, is_guided
@@ -22,13 +22,14 @@ from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
+from tsc_missing.controllers.own import OwnController
 from tsc_missing.controllers.resolved import LOOKAHEAD, blind_rule, min_space_of, policy_weights
 from tsc_missing.controllers.spillback import Spillback
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import make_imputer, require_imputer
 from tsc_missing.network.folder import network_name
-from tsc_missing.own_code import is_own, make_own
+from tsc_missing.own_code import is_own
 from tsc_missing.weights.find import FIELD as WEIGHTS
 from tsc_missing.weights.find import find_weights, packaged_weights
 
@@ -72,7 +73,7 @@ def make_controller(
         raise UserError("blind", blind, nearest(blind, BLIND))
     require_imputer(imputer)
     decides = _deciding(name, diffusion, q_weights, net)
-    if decides.needs_values:
+    if needs_values(name):
         decides = Imputed(make_imputer(imputer, diffusion), decides)
     elif name in CONTROLLERS:
         return decides
@@ -82,7 +83,7 @@ def make_controller(
 def _deciding(name: str, diffusion: DiffusionSettings, q_weights: str, net: str) -> Controller:
     """The controller itself, on what it sees."""
     if is_own(name):
-        return make_own(name, FIELD, Controller)
+        return OwnController(name)
     if name == DIFFLIGHT:
         return _difflight(diffusion, q_weights)
     if name == DIFFLIGHT_PAPER:

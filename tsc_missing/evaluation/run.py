@@ -16,8 +16,9 @@ from tsc_missing.evaluation.metrics import Result, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import Network
-from tsc_missing.own_code import own_file
+from tsc_missing.own_code import own_digest
 from tsc_missing.sensing.masks_of_runs import mask_file, mask_of
+from tsc_missing.sensing.outage_list import is_list
 from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
 from tsc_missing.simulation.programs import NativeProgram
@@ -44,6 +45,8 @@ class Prepared:
     scenario: Scenario
     scene: Scene
     controller: Controller | NativeProgram
+    resolved: dict[str, object]  # what the settings that go by the controller are
+    checksums: dict[str, str]  # of what it reads, as it was before the run
 
 
 def prepare(settings: RunSettings, options: Options) -> Prepared:
@@ -52,7 +55,8 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
     scene = scenario.scene(settings, mask_of(settings, scenario.folder.network))
-    return Prepared(settings, options, scenario, scene, controller)
+    found = checksums(settings, scenario)
+    return Prepared(settings, options, scenario, scene, controller, resolved(settings), found)
 
 
 def check_timing(signals: SignalSettings, network: Network) -> None:
@@ -119,10 +123,10 @@ def _write(
 def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:
     """The SHA-256 of every file that the run reads: network, demand, weights, own code, mask.
 
-    Of own code it is the file with the class, not what that imports.
+    Of own code it is of the file with the class, not of what that imports.
     """
     used = {f"weights: {name}": sha256(find_weights(name)) for name in weights_of(settings)}
-    code = {f"code: {name}": sha256(own_file(name, field)) for field, name in code_of(settings)}
+    code = {f"code: {name}": own_digest(name, field) for field, name in code_of(settings)}
     path = mask_file(settings)
     mask = {f"mask: {path.name}": sha256(path)} if path is not None else {}
     return {**scenario.checksums(), **used, **code, **mask}
@@ -134,19 +138,24 @@ def inputs_of(settings: RunSettings) -> tuple[object, ...]:
     return settings.net, settings.demand, weights_of(settings), code_of(settings), mask
 
 
+def _source_of_mask(settings: RunSettings) -> str:
+    path = mask_file(settings)
+    return "drawn" if path is None else "listed" if is_list(path) else "replayed"
+
+
 def describe(prepared: Prepared, result: Result) -> dict[str, object]:
     """The content of ``run.json``: settings, what they resolved to, versions, result."""
     scenario = prepared.scenario
     controller = prepared.controller
     return {
         "settings": prepared.settings.model_dump(mode="json"),
-        "resolved": resolved(prepared.settings),
+        "resolved": prepared.resolved,
         "scenario": scenario.name,
         "demand": scenario.demand_kind,
         "begin": scenario.folder.begin,
         "engine": prepared.options.engine,
-        "mask": "replayed" if mask_file(prepared.settings) else "drawn",
-        "checksums": checksums(prepared.settings, scenario),
+        "mask": _source_of_mask(prepared.settings),
+        "checksums": prepared.checksums,
         "versions": versions(),
         "git": git_revision(),
         "fallback_error": controller.last_error if isinstance(controller, Safe) else "",

@@ -8,11 +8,10 @@ from tsc_missing.imputation.base import Imputer
 from tsc_missing.imputation.diffusion import DiffusionImputer
 from tsc_missing.imputation.historical_mean import HistoricalMean
 from tsc_missing.imputation.last_value import LastValue
+from tsc_missing.imputation.own import FIELD, OwnImputer
 from tsc_missing.imputation.store_and_forward import StoreAndForward
-from tsc_missing.own_code import is_own, make_own, own_class
+from tsc_missing.own_code import is_own, own_class
 from tsc_missing.weights.find import find_weights
-
-FIELD = "imputer"
 
 IMPUTERS: dict[str, Callable[[], Imputer]] = {
     "sfm": StoreAndForward,
@@ -39,4 +38,4 @@ def make_imputer(name: str, diffusion: DiffusionSettings | None = None) -> Imput
         settings = diffusion or DiffusionSettings()
         return DiffusionImputer(find_weights(settings.weights), *settings.reverse_steps(False))
     require_imputer(name)
-    return make_own(name, FIELD, Imputer) if is_own(name) else IMPUTERS[name]()
+    return OwnImputer(name) if is_own(name) else IMPUTERS[name]()

@@ -32,7 +32,7 @@ from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.plan import POLICY, CollectSettings, EpisodeSpec, draw_spec
 from tsc_missing.offline.policies import Unaware, make_policy
 from tsc_missing.offline.seen import seen_by_policies, unaware_set
-from tsc_missing.own_code import is_own, own_file
+from tsc_missing.own_code import is_own, own_digest
 from tsc_missing.processes import worker_processes
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
@@ -51,6 +51,8 @@ def collect(
     ``workers`` processes run a simulation each. Stopped at any moment, the same call goes on.
     """
     settings.check()
+    code = {name: own_digest(name, POLICY) for name in settings.policies if is_own(name)}
+    settings = settings.model_copy(update={"code": code})
     scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
     _check_scenarios(settings, scenarios)
     start_dataset(out, settings)
@@ -138,7 +140,6 @@ def _manifest(
         complete=settings.missing.pattern == "none",
         settings=settings,
         sources={net: _source(out, scenario) for net, scenario in scenarios.items()},
-        code={n: sha256(own_file(n, POLICY)) for n in settings.policies if is_own(n)},
         statistics=merge([episode.statistics for episode in episodes]),
         versions=versions(),
         git=git_revision(),

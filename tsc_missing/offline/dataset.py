@@ -64,7 +64,6 @@ class DatasetManifest(_Part):
     complete: bool  # or the logs have holes
     settings: CollectSettings
     sources: dict[str, Source]  # by the name in ``settings.nets``
-    code: dict[str, str] = {}  # SHA-256 of the files of users' own policies, by their names
     statistics: Statistics
     versions: dict[str, str]
     git: str | None

@@ -33,6 +33,7 @@ class CollectSettings(Settings):
     missing: MissingSettings = MissingSettings()  # holes of the log
     horizon: int = Field(3600, gt=0)  # [s] of an episode
     episodes: int = Field(60, ge=1)
+    code: dict[str, str] = Field(default_factory=dict)  # SHA-256 of users' own policies' files
     seed: int = Field(0, ge=0, lt=SEEDS)
 
     @model_validator(mode="after")
@@ -41,6 +42,8 @@ class CollectSettings(Settings):
             raise ValueError("volume_min must not be above volume_max")
         if self.epsilon_min > self.epsilon_max:
             raise ValueError("epsilon_min must not be above epsilon_max")
+        if self.missing.file:
+            raise ValueError("the holes of a log are drawn, not read from a file")
         if not self.lost:
             raise ValueError("lost must name a pattern, or none")
         return self

@@ -12,9 +12,12 @@ from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.random_phases import RandomPhases
 from tsc_missing.controllers.registry import make_controller, roomy
 from tsc_missing.controllers.registry import make_policy as make_one
+from tsc_missing.controllers.wrapper import Wrapper
+from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import make_imputer
 from tsc_missing.network.model import BoolArray, IntArray
+from tsc_missing.own_code import is_own, named
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import Observation
 
@@ -87,6 +90,29 @@ class Exploring(Controller):
         return np.where(explore, anything, phases).astype(np.int64)
 
 
+class Own(Wrapper):
+    """A policy of a user's own, whose every phase must be one: a log has what it decided."""
+
+    def __init__(self, controller: Controller, name: str) -> None:
+        """``name`` is what the user calls it."""
+        super().__init__(controller)
+        self._name = name
+
+    def reset(self, context: ControlContext) -> None:
+        """Reset it."""
+        self._ids = context.network.ids
+        super().reset(context)
+
+    def decide(self, observation: Observation) -> IntArray:
+        """(N,): its phases; ``UserError`` where there is none."""
+        with named(self._name, "policy", "decide"):
+            phases = self.controller.decide(observation)
+        if (phases < 0).any():
+            words = f"decide gave no phase of {self._ids[int(np.argmin(phases))]}"
+            raise UserError("policy", self._name, words, verdict="cannot be used")
+        return phases
+
+
 class InTurn(Controller):
     """One controller up to a step, another from there on; both watch all the time."""
 
@@ -125,4 +151,5 @@ def _make_one(name: str, min_space: int) -> Controller:
     imputer = str(RunSettings.model_fields["imputer"].default)
     if name == VALUE:
         return roomy(Imputed(make_imputer(imputer), make_one(name)), min_space)
-    return make_controller(name, imputer, "auto", min_space=min_space)
+    policy = make_controller(name, imputer, "auto", min_space=min_space)
+    return Own(policy, name) if is_own(name) else policy

@@ -27,7 +27,7 @@ from tsc_missing.network.picture_names import draw_names
 from tsc_missing.network.picture_style import INK, WHITE, choose_sizes
 from tsc_missing.network.roads import read_roads
 from tsc_missing.report.results import NOTHING_MISSING, Results, Run
-from tsc_missing.report.statistics import paired
+from tsc_missing.report.statistics import paired, ratio_of
 from tsc_missing.sensing.masks import load_mask
 
 COSTS = "YlOrRd"
@@ -71,8 +71,9 @@ def _costs(
     for case, runs in cases:
         lost = _lost(next(iter(runs.values())), network)
         pairs = paired(results.values(dataset, case, method, metric), whole)
-        if lost is not None and len(pairs):
-            costs[lost] = pairs[:, 0].mean() / pairs[:, 1].mean() - 1
+        ratio = ratio_of([pairs])
+        if lost is not None and ratio is not None:
+            costs[lost] = ratio.value - 1
     return (network, run, costs) if np.isfinite(costs).sum() >= FEWEST else None
 
 

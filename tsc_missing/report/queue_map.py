@@ -62,9 +62,9 @@ def map_runs(results: Results, metric: str) -> list[Run]:
     return found
 
 
-def _blindness(run: Run) -> tuple[bool, float]:
+def _blindness(run: Run) -> tuple[bool, bool, float]:
     missing = run.spec.settings.missing
-    return missing.pattern == "kriging", missing.rate
+    return missing.pattern == "kriging", bool(missing.file), missing.rate
 
 
 def queue_map(run: Run) -> Figure | None:

@@ -14,11 +14,12 @@ from tsc_missing.controllers.catalogue import NATIVE
 from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import MASK
+from tsc_missing.own_code import is_own
 
 FIELD = "results"
 NOTHING_MISSING = "none"  # the case
 
-Kind = Literal["reference", "conventional", "learned"]
+Kind = Literal["reference", "conventional", "learned", "own"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Run:
         """``reference``: run by SUMO itself, which sees everything, whatever is missing."""
         if self.spec.settings.controller in NATIVE:
             return "reference"
+        if is_own(self.spec.settings.controller):
+            return "own"
         return "learned" if uses_weights(self.spec.settings) else "conventional"
 
 

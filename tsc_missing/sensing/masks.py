@@ -74,7 +74,11 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
         reason = error.strerror or "damaged"
         raise UserError("mask", path, f"the file cannot be read ({reason})") from None
     except Exception:
-        raise UserError("mask", path, "it is not a mask file (npz), or cut off") from None
+        raise UserError(
+            "mask",
+            path,
+            "it is not a mask file (npz), or cut off; a list of outages must end in .csv",
+        ) from None
 
 
 def missing_share(mask: BoolArray, slot_mask: BoolArray) -> float:

@@ -7,8 +7,9 @@ the end excluded; without them the outage lasts from its begin, or to its end.
 """
 
 import csv
+import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -33,6 +34,9 @@ class Outage(Settings):
     slot: str = ""
     begin: float = Field(0.0, ge=0, allow_inf_nan=False)  # [s]
     end: float = Field(math.inf, gt=0)  # [s]
+
+
+COLUMNS = tuple(Outage.model_fields)
 
 
 def is_list(path: Path) -> bool:
@@ -61,6 +65,9 @@ def read_outages(path: Path, network: Network, steps: int, interval: float) -> B
             _wrong(path, line, f"{outage.intersection} has no {outage.slot}")
         during = (outage.begin <= time) & (time < outage.end)
         mask[:, n] &= ~(during[:, None] & silent)
+    if mask.all():
+        last = f"{steps * interval:g} s of the run, with a decision every {interval:g} s"
+        raise UserError(FIELD, path, f"no outage is in the {last}; times count from its begin")
     return mask
 
 
@@ -73,26 +80,44 @@ def _lines(path: Path) -> Iterator[tuple[int, Outage]]:
         raise UserError(FIELD, path, f"the file cannot be read ({reason})") from None
     except UnicodeDecodeError:
         raise UserError(FIELD, path, "it is no text in UTF-8") from None
-    lines = text.splitlines()
-    separator = ";" if lines and ";" in lines[0] else ","  # as spreadsheets of some countries write
-    reader = csv.DictReader(lines, skipinitialspace=True, delimiter=separator)
-    reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-    columns = tuple(Outage.model_fields)
-    for name in reader.fieldnames:
-        if name not in columns:
-            _wrong(path, 1, f"unknown column {name}; {nearest(name, columns)}")
+    head = text.partition("\n")[0]
+    separator = ";" if ";" in head else ","  # as spreadsheets of some countries write
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, delimiter=separator)
+    columns: tuple[str, ...] = ()
     count = 0
-    for row in reader:
-        count += 1
-        yield reader.line_num, _outage(path, reader.line_num, row)
+    try:
+        for values in reader:
+            row = [value.strip() for value in values]
+            if not columns:
+                columns = _columns(path, row)
+            elif any(row):
+                count += 1
+                yield reader.line_num, _outage(path, reader.line_num, columns, row)
+    except csv.Error as error:
+        _wrong(path, reader.line_num, f"it is no CSV ({error})")
     if not count:
-        raise UserError(FIELD, path, f"it lists no outage; its columns are {', '.join(columns)}")
+        raise UserError(FIELD, path, f"it lists no outage; its columns are {', '.join(COLUMNS)}")
 
 
-def _outage(path: Path, line: int, row: "dict[str | None, str | None]") -> Outage:
-    if None in row:
+def _columns(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """The names of the first line."""
+    for name in names:
+        if name not in COLUMNS:
+            found = name or "without a name"
+            _wrong(path, 1, f"unknown column {found}; {nearest(name, COLUMNS)}")
+    if len(set(names)) < len(names):
+        _wrong(path, 1, "a column is there twice")
+    if COLUMNS[0] not in names:
+        _wrong(path, 1, f"it must have a column {COLUMNS[0]}")
+    return tuple(names)
+
+
+def _outage(path: Path, line: int, columns: Sequence[str], row: Sequence[str]) -> Outage:
+    if len(row) > len(columns):
         _wrong(path, line, "more values than columns")
-    given = {key: value.strip() for key, value in row.items() if value and value.strip()}
+    given = {name: value for name, value in zip(columns, row, strict=False) if value}
+    if COLUMNS[0] not in given:
+        _wrong(path, line, f"no {COLUMNS[0]}")
     try:
         outage = Outage.model_validate(given)
     except ValidationError as error:

@@ -23,7 +23,7 @@ from tools.bench.processes import MEGABYTE, UNIT
 STAGES = (
     "tsc_missing.evaluation.scenario:read_folder",
     "tsc_missing.evaluation.scenario:Scenario.demand",
-    "tsc_missing.evaluation.run:draw_mask",
+    "tsc_missing.evaluation.run:mask_of",
     "tsc_missing.evaluation.closed_loop:_write_inputs",
     "tsc_missing.evaluation.closed_loop:control_context",
     "tsc_missing.controllers.fallback:Safe.reset",

@@ -1,0 +1,32 @@
+"""An imputer of a user's own, kept apart from what others see."""
+
+import copy
+
+from tsc_missing.controllers.base import ControlContext
+from tsc_missing.imputation.base import Imputer
+from tsc_missing.own_code import make_own, named, set_apart
+from tsc_missing.sensing.observation import Observation
+
+FIELD = "imputer"
+
+
+class OwnImputer(Imputer):
+    """The imputer of a name ``FILE.py:CLASS``; it gets copies, as ``OwnController`` does."""
+
+    def __init__(self, name: str) -> None:
+        """Raises ``UserError`` where there is no such class, or it cannot be made."""
+        self._name = name
+        self._inner = make_own(name, FIELD, Imputer)
+
+    def reset(self, context: ControlContext) -> None:
+        """Reset it with a context of its own."""
+        with named(self._name, FIELD, "reset"), set_apart():
+            self._inner.reset(copy.deepcopy(context))
+
+    def fill(self, observation: Observation) -> Observation:
+        """Its answer; raises where that is no observation."""
+        with set_apart():
+            filled = self._inner.fill(observation.copy())
+        if not isinstance(filled, Observation):
+            raise TypeError(f"fill must return an Observation, not {type(filled).__name__}")
+        return filled
