@@ -199,7 +199,7 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
         label(panel, title, "tested at, % missing", "trained at, % missing")
     assert image is not None
     bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("travel time / that of weights trained at the tested rate", size=8.5, color=INK)
+    bar.set_label("travel time / that of weights\ntrained at the tested rate", size=8.5, color=INK)
     bar.ax.tick_params(labelsize=8)
     return figure
 
