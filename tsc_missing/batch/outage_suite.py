@@ -9,12 +9,12 @@ from tsc_missing.batch.suite import slug
 from tsc_missing.files import whole_folder
 from tsc_missing.network.model import Network
 from tsc_missing.network.slots import APPROACHES, TURNS
+from tsc_missing.sensing.outage_list import COLUMNS
 
 FIELD = "--out"
 SUITE = "suite.toml"
 NOTHING = "none"  # the case of the runs that the others are held against
 LONGEST = 80  # characters of a file's name
-COLUMNS = ("intersection", "slot")
 
 
 def write_outage_suite(
@@ -35,7 +35,7 @@ def write_outage_suite(
     with whole_folder(out, FIELD) as folder:
         for name, row in lists.items():
             with (folder / name).open("w", encoding="utf-8", newline="") as stream:
-                csv.writer(stream, lineterminator="\n").writerows([COLUMNS, row])
+                csv.writer(stream, lineterminator="\n").writerows([COLUMNS[:2], row])
         files = [str(out / name) for name in lists]
         text = _suite(network.name, net, methods, files, range(seeds))
         (folder / SUITE).write_text(text, encoding="utf-8")

@@ -7,21 +7,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from tsc_missing.cli.options import make_settings
+from tsc_missing.cli.options import NetArgument, make_settings
 from tsc_missing.config import RunSettings
 
 DEFAULT = RunSettings()
 
 
 def check(
-    net: Annotated[
-        str,
-        typer.Argument(
-            help="A network's name (jinan, hangzhou_2, …) or a network folder.",
-            metavar="NET",
-            show_default=False,
-        ),
-    ],
+    net: NetArgument,
     demand: Annotated[
         str, typer.Option(help="profile (bundled), recorded (imported), or auto.")
     ] = DEFAULT.demand,

@@ -6,21 +6,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from tsc_missing.cli.options import make_settings
+from tsc_missing.cli.options import NetArgument, make_settings
 from tsc_missing.config import RunSettings
 
 DEFAULT = RunSettings()
 
 
 def outages(
-    net: Annotated[
-        str,
-        typer.Argument(
-            help="A network's name (jinan, hangzhou_2, …) or a network folder.",
-            metavar="NET",
-            show_default=False,
-        ),
-    ],
+    net: NetArgument,
     out: Annotated[Path, typer.Option(help="The folder to write: lists of outages, suite.toml.")],
     each: Annotated[
         Literal["intersection", "approach"], typer.Option(help="What goes silent, one by one.")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tsc_missing.cli.options import make_settings, missing_rate
+from tsc_missing.cli.options import NetArgument, make_settings, missing_rate
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 
@@ -17,14 +17,7 @@ DEFAULT = RunSettings()
 
 
 def show(
-    net: Annotated[
-        str,
-        typer.Argument(
-            help="A network's name (jinan, hangzhou_2, …) or a network folder.",
-            metavar="NET",
-            show_default=False,
-        ),
-    ],
+    net: NetArgument,
     demand: Annotated[
         str, typer.Option(help="profile (bundled), recorded (imported), or auto.")
     ] = DEFAULT.demand,

@@ -1,11 +1,21 @@
 """From a command's options to settings, with errors that name the option."""
 
-from typing import Any
+from typing import Annotated, Any
 
+import typer
 from pydantic import ValidationError
 
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError, nearest
+
+NetArgument = Annotated[
+    str,
+    typer.Argument(
+        help="A network's name (jinan, hangzhou_2, …) or a network folder.",
+        metavar="NET",
+        show_default=False,
+    ),
+]
 
 OPTION_OF = {
     "pattern": "missing",

@@ -28,6 +28,7 @@ from tsc_missing.network.picture_style import INK, WHITE, choose_sizes
 from tsc_missing.network.roads import read_roads
 from tsc_missing.report.results import NOTHING_MISSING, Results, Run
 from tsc_missing.report.statistics import paired, ratio_of
+from tsc_missing.report.tables import is_listed
 from tsc_missing.sensing.masks import load_mask
 
 COSTS = "YlOrRd"
@@ -59,8 +60,7 @@ def _costs(
     cases = [
         (case, runs)
         for case in results.cases(dataset)
-        if (runs := results.of(dataset, case, method))
-        and next(iter(runs.values())).spec.settings.missing.file
+        if (runs := results.of(dataset, case, method)) and is_listed(results, dataset, case)
     ]
     if not whole or len(cases) < FEWEST:
         return None
