@@ -11,7 +11,7 @@ run: $(VENV)/.core
 	$(BIN)/tsc-run --net jinan --missing kriging --rate 0.25
 
 test: check
-	$(BIN)/python -m pytest --numprocesses 2
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
 check: $(VENV)/.all
 	$(BIN)/ruff check .

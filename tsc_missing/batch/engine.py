@@ -17,7 +17,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.versions import versions
 
 CLUSTER = "--cluster"
-PATIENCE = 20.0  # [s] to wait for a cluster to answer, and for its first worker
+PATIENCE = 10.0  # [s] to wait for a cluster to answer, and for its first worker
 
 
 @dataclass(frozen=True)

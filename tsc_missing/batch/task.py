@@ -1,7 +1,5 @@
 """What a worker process does: one run, from its settings to its folder."""
 
-import os
-import signal
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,20 +27,14 @@ class UnwantedError(Exception):
     """Nobody waits for the run any more."""
 
 
-def listen_to_nobody() -> None:
-    """Leave Ctrl-C to the batch, which ends its workers itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def run_task(task: Task) -> Failure | None:
     """Make the run's folder; what goes wrong is said, never raised."""
     if task.folder.exists():
         return None
     options = Options(task.folder, task.decisions, durable=True)
-    parent = os.getppid()
 
     def watch(_: Progress) -> None:
-        if os.getppid() != parent or not task.alive.exists():
+        if not task.alive.exists():
             raise UnwantedError("the batch that started it has ended")
 
     try:

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from tsc_missing.batch.folder import Failure, clear_leftovers
-from tsc_missing.batch.task import Task, listen_to_nobody, run_task
+from tsc_missing.batch.task import Task, run_task
+from tsc_missing.processes import leave_to_parent
 from tsc_missing.versions import versions
 
 stopping = threading.Event()  # set while this process ends its workers
@@ -89,14 +90,14 @@ class Worker:
 
             if multiprocessing.current_process().daemon:
                 # Daemons may have no children. Dask's workers are daemons so that they end with
-                # their nanny; the runs end with the worker (see ``task``).
+                # their nanny; the runs end with the worker (``leave_to_parent``).
                 multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
             self._scratch = Path(tempfile.mkdtemp(prefix="tsc-batch-"))
             threads = {f"{name}_NUM_THREADS": "1" for name in THREADS}
             self._executor = ProcessPoolExecutor(
                 1,
                 timeout=IDLE,
-                initializer=listen_to_nobody,
+                initializer=leave_to_parent,
                 env={**threads, **GROWTH, "TMPDIR": str(self._scratch)},
             )
             self._runs = 0
