@@ -86,7 +86,8 @@ def test_an_interrupted_collection_says_so_in_one_line(command, small_net):
     deadline = time.monotonic() + 60
     while not list(command.cwd.glob("data/episodes/0*")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    for _ in range(2):  # as ``timeout`` does: to the process, and to its group
+        process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.startswith("interrupted with ")

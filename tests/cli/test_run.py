@@ -187,14 +187,16 @@ def test_a_flow_for_a_bundled_dataset(command, tmp_path):
     assert (result["scenario"], result["demand"]) == ("jinan_1", "recorded")
 
 
-def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path):
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM, signal.SIGTERM]], ids=str)
+def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path, numbers):
     words = ("--net", small_net, "--horizon", 600000, "--out", "runs/one")
     process = command.start("run", *words, TMPDIR=str(tmp_path))
     deadline = time.monotonic() + 60
     while not list((command.cwd).glob("runs/.one.*")) and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
+    for number in numbers:
+        process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert re.fullmatch(r"error: interrupted[^\n]*\n", errors)

@@ -3,7 +3,6 @@
 import json
 import os
 import shlex
-import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -89,7 +88,6 @@ def batch(
         return DONE
     command = shlex.join(["tsc-batch", *sys.argv[1:]])
     care = Care(timeout, retries, runs_per_process)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         failures = _watched(prepared, Means(workers, cluster, care, decisions, command))
     except KeyboardInterrupt:

@@ -1,6 +1,5 @@
 """``tsc-collect``: behaviour policies to an offline dataset."""
 
-import signal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -96,7 +95,6 @@ def collect(
         episodes=episodes,
         seed=seed,
     )
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         dataset = _watched(settings, out, workers)
     except KeyboardInterrupt:

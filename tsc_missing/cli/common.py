@@ -4,8 +4,10 @@ import contextlib
 import functools
 import itertools
 import os
+import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 import typer
@@ -42,7 +44,8 @@ def make_app(help_text: str) -> typer.Typer:
 def run_app(app: typer.Typer, name: str, kept: str = NOTHING_KEPT) -> NoReturn:
     """Run an app: a user's mistake is one line and status 2, Ctrl-C 130, anything else 1.
 
-    ``kept`` says what is left after a Ctrl-C that the app did not take itself.
+    SIGTERM, which schedulers of clusters and ``timeout`` send, is a Ctrl-C. ``kept`` says what is
+    left after one that the app did not take itself.
     """
     sys.exit(_status(lambda: app(prog_name=name, standalone_mode=False), kept))
 
@@ -59,7 +62,14 @@ def run_app_and_leave(app: typer.Typer, name: str) -> NoReturn:
     os._exit(status)
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Once: who sends SIGTERM often sends it to the process and to its group."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def _status(call: Callable[[], object], kept: str) -> int:
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
         result = call()
         print(end="", flush=True)

@@ -18,6 +18,7 @@ from tsc_missing.diffusion.samples import all_samples, unseen, with_copies
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
+from tsc_missing.sensing.means import RunningMeans
 from tsc_missing.sensing.observation import Observation
 
 PRECISION: Precision = "bfloat16"  # of the products: half the time of float32
@@ -88,7 +89,10 @@ class Planner:
     def reset(self, context: ControlContext) -> None:
         """Forget everything and get ready for a run on the context's network."""
         network = context.network
-        self._recent = RecentSteps(network.n, self.model.config.history)
+        config = self.model.config
+        self._recent = RecentSteps(network.n, config.history)
+        self._taken = 0
+        self._means = RunningMeans(network.slot_mask.shape, config.memory)
         self._generator = torch.Generator().manual_seed(context.seed)
         self._observable = torch.from_numpy(context.sensors & network.slot_mask)
         self._slots = torch.from_numpy(network.slot_mask)
@@ -99,7 +103,11 @@ class Planner:
 
     def watch(self, observation: Observation) -> None:
         """Take in the next observation of the run."""
-        self._recent.take(observation)
+        recent = self._recent
+        if self._taken >= self.model.config.history:  # the oldest leaves the last C
+            self._means.take(recent.values[:, 0], recent.known[:, 0], recent.green[:, 0])
+        recent.take(observation)
+        self._taken += 1
 
     def plan(self, observation: Observation) -> Planned:
         """Take in the next observation of the run, fill its holes and plan from it."""
@@ -140,4 +148,5 @@ class Planner:
             downstream=self._downstream,
             phases=self._phases,
             phase_mask=self._phase_mask,
+            means=torch.from_numpy(self._means.table()) if self.model.config.memory else None,
         )

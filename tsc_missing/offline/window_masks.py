@@ -84,6 +84,17 @@ class WindowMasks:
     burst_rate: FloatArray  # (B,) share of time in an outage
     mean_outage: float  # [decision steps]
 
+    def blind(self, intersections: IntArray) -> BoolArray:
+        """(B, …): whether nothing of ``intersections`` (B, …) reports in the window."""
+        shape = (-1, *[1] * (intersections.ndim - 1))
+        whole = np.full(intersections.shape, N_SLOTS)
+        other = uniform(self.key.reshape(shape), intersections, whole, BLIND)
+        return np.where(
+            intersections == self.own.reshape(shape),
+            self.own_blind.reshape(shape),
+            other < self.near_blind.reshape(shape),
+        )
+
     def seen(self, intersections: IntArray, slots: IntArray, steps: int) -> BoolArray:
         """(B, …, T): whether cells report; ``intersections`` and ``slots`` (B, …)."""
         shape = (-1, *[1] * (intersections.ndim - 1))
@@ -94,9 +105,7 @@ class WindowMasks:
         key = self.key.reshape(shape)
         time = np.arange(steps)
         whole = np.full(intersections.shape, N_SLOTS)
-        other = uniform(key, intersections, whole, BLIND) < self.near_blind.reshape(shape)
-        mine = intersections == self.own.reshape(shape)
-        blind = np.where(mine, self.own_blind.reshape(shape), other)
+        blind = self.blind(intersections)
         key = key[..., None]
         intersections, whole, slots = (x[..., None] for x in (intersections, whole, slots))
         seen = np.broadcast_to(~blind[..., None], (*blind.shape, steps)).copy()
