@@ -13,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 from tests.cityflow_files import grid_flows, grid_roadnet, write
+from tests.kept_workers import Lend, kept_worker
 from tsc_missing.network.importing import import_cityflow
 
 settings.register_profile("shared-machine", deadline=None)
@@ -45,6 +46,20 @@ def weights_read_once() -> Iterator[None]:
 
             patch.setattr(controller, "load_q_network", cache(controller.load_q_network))
         yield
+
+
+@pytest.fixture(scope="module")
+def lend() -> Iterator[Lend]:
+    """One process that plays the episodes of all of a module's trainings."""
+    with kept_worker() as lend:
+        yield lend
+
+
+@pytest.fixture
+def one_worker(lend: Lend, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trainings borrow that process; not for tests that stop one in the middle of its episodes."""
+    monkeypatch.setattr("tsc_missing.lookahead.training.worker_processes", lend)
+    monkeypatch.setattr("tsc_missing.qlearning.online.worker_processes", lend)
 
 
 @pytest.fixture

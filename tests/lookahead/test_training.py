@@ -72,6 +72,7 @@ def test_stopped_and_gone_on_with_is_as_unbroken(small_net, tmp_path):
     assert not torch.equal(one.state_dict()["score.0.weight"], start.state_dict()["score.0.weight"])
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_the_episodes_of_a_training_serve_another_way_of_learning(small_net, tmp_path):
     LookaheadTraining(settings(small_net, tmp_path), tmp_path / "t").run(1)
     longer = settings(small_net, tmp_path, updates=20)
@@ -108,6 +109,7 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
     assert LookaheadTraining(again, tmp_path / "next").run(1).is_file()
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_a_training_begun_before_its_newest_settings_goes_on(small_net, tmp_path):
     folder = tmp_path / "t"
     LookaheadTraining(settings(small_net, tmp_path), folder).run(1)
@@ -125,6 +127,7 @@ def test_a_training_begun_before_its_newest_settings_goes_on(small_net, tmp_path
         LookaheadTraining(settings(small_net, tmp_path), folder, resume=True)
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_episodes_of_another_training_are_learned_from_too(small_net, tmp_path):
     first = tmp_path / "first"
     LookaheadTraining(settings(small_net, tmp_path), first).run(1)
@@ -180,6 +183,7 @@ def test_centred_leaves_absent_phases_out():
     assert found.tolist() == [[-1.0, 1.0, 0.0]]
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_what_can_be_wrong(small_net, tmp_path):
     for wrong in ({"volume_min": 2}, {"epsilon_min": 0.5}, {"held_out": 3}, {"history": 9}):
         with pytest.raises(ValidationError):
@@ -193,12 +197,14 @@ def test_what_can_be_wrong(small_net, tmp_path):
         LookaheadTraining(plan, tmp_path / "t")
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_episodes_that_teach_nothing(small_net, tmp_path):
     plan = settings(small_net, tmp_path, tried=1e-9)
     with pytest.raises(UserError, match="no phase was ever tried"):
         LookaheadTraining(plan, tmp_path / "t").run(1)
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_an_episode_of_another_network(small_net, tmp_path):
     LookaheadTraining(settings(small_net, tmp_path), tmp_path / "t").run(1)
     path = tmp_path / "t" / "episodes" / "00000.safetensors"
@@ -215,6 +221,7 @@ def test_runs_are_drawn(small_net, tmp_path):
     assert draw_run(plan, 3, scaled=False)[0].volume == 1
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_a_file_of_an_episode(small_net, tmp_path):
     LookaheadTraining(settings(small_net, tmp_path, tried=1.0), tmp_path / "t").run(1)
     about, tensors = read_tensors(

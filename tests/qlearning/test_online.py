@@ -15,6 +15,8 @@ from tsc_missing.qlearning.online import EPISODES, QTraining
 from tsc_missing.qlearning.replay import Replay
 from tsc_missing.qlearning.weights import load_q_network
 
+pytestmark = pytest.mark.usefixtures("one_worker")
+
 
 def settings(small_net, **changes):
     values = {

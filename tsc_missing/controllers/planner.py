@@ -92,7 +92,8 @@ class Planner:
         config = self.model.config
         self._recent = RecentSteps(network.n, config.history)
         self._taken = 0
-        self._means = RunningMeans(network.slot_mask.shape, config.memory)
+        shape = network.slot_mask.shape
+        self._means = RunningMeans(shape, config.memory) if config.memory else None
         self._generator = torch.Generator().manual_seed(context.seed)
         self._observable = torch.from_numpy(context.sensors & network.slot_mask)
         self._slots = torch.from_numpy(network.slot_mask)
@@ -104,7 +105,7 @@ class Planner:
     def watch(self, observation: Observation) -> None:
         """Take in the next observation of the run."""
         recent = self._recent
-        if self._taken >= self.model.config.history:  # the oldest leaves the last C
+        if self._means is not None and self._taken >= self.model.config.history:
             self._means.take(recent.values[:, 0], recent.known[:, 0], recent.green[:, 0])
         recent.take(observation)
         self._taken += 1
@@ -148,5 +149,5 @@ class Planner:
             downstream=self._downstream,
             phases=self._phases,
             phase_mask=self._phase_mask,
-            means=torch.from_numpy(self._means.table()) if self.model.config.memory else None,
+            means=None if self._means is None else torch.from_numpy(self._means.table()),
         )
