@@ -11,6 +11,7 @@ MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
 GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
 BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md),
 BLIND_STEPS = 10  # but not at intersections without a sensor
+MEAN_OUTAGE = 8.0  # [decision steps] (``MissingSettings.mean_outage``)
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
 
 
@@ -66,7 +67,9 @@ class MissingSettings(Settings):
     pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed", "file"] = "none"
     rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
-    mean_outage: float = Field(8.0, ge=1, allow_inf_nan=False)  # [decision steps], burst and mixed
+    mean_outage: float = Field(
+        MEAN_OUTAGE, ge=1, allow_inf_nan=False
+    )  # [decision steps]
     file: str = ""  # a mask.npz or a list of outages (CSV), for the pattern file
 
     @property
@@ -89,6 +92,8 @@ class MissingSettings(Settings):
     def _means_something(self) -> Self:
         if self.adjacent and self.pattern != "kriging":
             raise ValueError("adjacent goes with the pattern kriging only")
+        if self.mean_outage != MEAN_OUTAGE and self.pattern not in ("burst", "mixed"):
+            raise ValueError("mean_outage goes with the patterns burst and mixed only")
         if self.rate > 0 and self.pattern == "none":
             raise ValueError("a rate above 0 needs a pattern of missing data")
         if (self.pattern == "file") != bool(self.file):

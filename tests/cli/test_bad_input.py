@@ -26,6 +26,7 @@ from tests.cli.refusals import refused
         (["--rate", "0.5"], ["--rate", "--missing"]),
         (["--missing", "kriging", "--rate", "0.9"], ["0.9", "at most", "adjacent"]),
         (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["0.95", "2"]),
+        (["--missing", "random", "--rate", "0.2", "--mean-outage", "9"], ["mean_outage", "burst"]),
         (["--mask", "none.npz"], ["mask", "none.npz"]),
         (["--mask", "m.npz", "--missing", "random", "--rate", "0"], ["--rate: 0", "--mask"]),
         (["--mask", "m.npz", "--mask-seed", "1"], ["--mask-seed: 1", "--mask"]),

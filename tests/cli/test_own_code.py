@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from tests.cli.refusals import check_refusal
+from tests.cli.refusals import check_refusal, refused
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
 HALF = ("--missing", "random", "--rate", "0.5", "--horizon", "150")
@@ -108,12 +108,15 @@ def test_a_run_with_both_is_of_another_kind_than_others(command, mine, small_net
 
 
 def test_one_that_takes_the_holes_gets_no_imputer_and_no_cycle(command, mine, small_net):
-    imputer = ("--imputer", "mine.py:AsOthers")
-    found = run(command, "--net", small_net, *HALF, "--controller", "mine.py:Cautious", *imputer)
+    cautious = ("--net", small_net, *HALF, "--controller", "mine.py:Cautious")
+    found = run(command, *cautious)
     assert found["resolved"]["blind"] == "none"
     assert found["result"]["imputation_mae"] is None
     assert found["result"]["fallbacks"] == 0
-    assert "code: mine.py:AsOthers" not in found["checksums"]
+    imputer = ("--imputer", "mine.py:AsOthers")
+    words = ["imputer: mine.py:AsOthers", "Cautious does not decide on filled values"]
+    refused(command, "run", *cautious, *imputer, words=words)
+    refused(command, "run", *imputer, words=["difflight does not decide on filled values"])
 
 
 def test_one_that_raises_is_answered_for_and_the_table_says_why(command, mine, small_net):

@@ -75,6 +75,9 @@ def make_controller(
     decides = _deciding(name, diffusion, q_weights, net)
     if needs_values(name):
         decides = Imputed(make_imputer(imputer, diffusion), decides)
+    elif is_own(imputer):
+        words = f"{name} does not decide on filled values, so it would do nothing"
+        raise UserError("imputer", imputer, words)
     elif name in CONTROLLERS:
         return decides
     return BLIND[blind](bounded(roomy(decides, min_space), max_red))
