@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tests.diffusion.cases import TINY, model
+from tests.diffusion.cases import model
 from tsc_missing.controllers.planner import Planner
 from tsc_missing.diffusion.weights import save_weights
 from tsc_missing.network.model import Network
@@ -16,8 +16,8 @@ from tsc_missing.sensing.observation import Measurement, Observation, apply_mask
 STEPS = 8
 
 
-def save_tiny(path: Path, **changes: object) -> Path:
-    save_weights(model(TINY.model_copy(update=changes)), path, {})
+def save_tiny(path: Path) -> Path:
+    save_weights(model(), path, {})
     return path
 
 

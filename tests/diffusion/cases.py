@@ -20,7 +20,6 @@ VARIANTS = {
     "unet": TINY.model_copy(update={"noise_model": "unet", "padded_rewards": True}),
     "padded": TINY.model_copy(update={"padded_rewards": True}),
     "no dcm": TINY.model_copy(update={"dcm": False}),
-    "memory": TINY.model_copy(update={"memory": 40}),
     "no downstream": TINY.model_copy(update={"downstream": False}),
     "no neighbours": TINY.model_copy(update={"neighbours": False}),
     "no inverse dynamics": TINY.model_copy(update={"inverse_dynamics": False}),
@@ -76,16 +75,7 @@ def history(count: int = 3, observed: float = 0.6, seed: int = 0) -> History:
         downstream=line_downstream(count),
         phases=phases(count),
         phase_mask=torch.ones(count, 4, dtype=torch.bool),
-        means=means((count, 12), g),
     )
-
-
-def means(shape: tuple[int, ...], g: torch.Generator) -> torch.Tensor:
-    """(…, 4): as ``sensing.means`` has them, half of them without a reading."""
-    known = torch.rand(shape, generator=g) < 0.5
-    values = torch.where(known.unsqueeze(-1), 20 * torch.rand(*shape, 2, generator=g), 0.0)
-    green = torch.rand(*shape, 1, generator=g)
-    return torch.cat((values, green, known.unsqueeze(-1).float()), dim=-1)
 
 
 def plan(
@@ -136,7 +126,4 @@ def windows(count: int = 24, seed: int = 0, recorded: float = 0.9) -> Windows:
         .expand(-1, -1, -1, -1, 2),
         down_given=down < 0.8,
         down_exists=torch.rand(count, 12, 3, generator=g) < 0.8,
-        means=means((count, 12), g),
-        near_means=means((count, 4, 3), g),
-        down_means=means((count, 12, 3), g),
     )

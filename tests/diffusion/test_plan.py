@@ -48,10 +48,12 @@ def test_permuting_intersections_permutes_the_decisions(config):
         table = table[order]
         return torch.where(table >= 0, 12 * place[table.clamp(min=0) // 12] + table % 12, -1)
 
-    own = ("values", "known", "green", "red_steps", "observable", "slots", "phases", "means")
     permuted = replace(
         present,
-        **{name: getattr(present, name)[order] for name in own},
+        **{
+            name: getattr(present, name)[order]
+            for name in ("values", "known", "green", "red_steps", "observable", "slots", "phases")
+        },
         neighbours=move(present.neighbours),
         downstream=move(present.downstream),
     )

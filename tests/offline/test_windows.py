@@ -16,7 +16,6 @@ from tsc_missing.offline.pool import EpisodePool
 from tsc_missing.offline.seen import unaware_set
 from tsc_missing.offline.window_masks import MaskMix, draw_masks
 from tsc_missing.offline.windows import Draw, WindowSampler
-from tsc_missing.sensing.means import GREEN, KNOWN, N_MEANS, RunningMeans
 
 C, H = 5, 3
 T = C + H
@@ -126,7 +125,7 @@ def test_windows_equal_brute_force(dataset):
 
 
 def test_same_seed_and_step_same_windows(dataset):
-    one, other = (sampler(dataset, resident=3, renew=2, memory=40) for _ in range(2))
+    one, other = sampler(dataset, resident=3, renew=2), sampler(dataset, resident=3, renew=2)
     for step in range(6):
         first = one.sample(step, 16)
     again, next_one = other.sample(5, 16), other.sample(6, 16)
@@ -264,46 +263,3 @@ def test_draws_only_intersections_with_sensors(dataset):
     made._pool.sensed = [np.array([1])] * made._pool.size
     assert isinstance(made.draw(5, np.random.default_rng(0)), Draw)
     assert set(made.draw(50, np.random.default_rng(0)).intersection) == {1}
-
-
-def test_means_are_of_what_was_recorded_before_the_window(dataset):
-    made = sampler(dataset, only("none"), resident=5, memory=10)
-    made.sample(0, 1)
-    rng = np.random.default_rng(3)
-    draw = made.draw(24, rng)
-    draw.start[:6] = [-4, -1, 0, 1, 2, 5]
-    w = made.windows(draw, rng)
-    for b in range(24):
-        episode = int(made._pool.episode[draw.place[b]])
-        log = dataset.load(episode)
-        network = dataset.networks[dataset.manifest.episodes[episode].spec.net]
-        before = RunningMeans(log.red_steps.shape[1:], 10)
-        for t in range(draw.start[b]):
-            before.take(log.values[t], log.recorded[t], log.green[t])
-        table = before.table()
-        n = draw.intersection[b]
-        assert np.array_equal(w.means[b], table[n])
-        flat = table.reshape(-1, N_MEANS)
-        for told, slots in ((w.near_means, network.neighbours), (w.down_means, network.downstream)):
-            width = 12 // told.shape[1]  # near may be one of a group
-            for slot in np.flatnonzero(network.slot_mask[n]):
-                for j, other in enumerate(slots[n, slot]):
-                    if other >= 0:
-                        assert np.array_equal(told[b, slot // width, j], flat[other])
-
-
-def test_means_tell_nothing_of_who_is_blind(dataset):
-    for mix, blind in (
-        (only("blind", blind_near=0.0), ("means",)),
-        (only("near", near_blind=1.0), ("near_means", "down_means")),
-    ):
-        w = sampler(dataset, mix, resident=5, memory=10).sample(0, 64)
-        tables = {
-            "means": w.means,
-            "near_means": w.near_means[w.near_exists],
-            "down_means": w.down_means[w.down_exists],
-        }
-        for name, table in tables.items():
-            told = [*range(GREEN), KNOWN]
-            assert bool(table[..., told].any()) == (name not in blind)
-            assert table[..., GREEN].any()

@@ -18,7 +18,6 @@ from tsc_missing.diffusion.samples import all_samples, unseen, with_copies
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
-from tsc_missing.sensing.means import RunningMeans
 from tsc_missing.sensing.observation import Observation
 
 PRECISION: Precision = "bfloat16"  # of the products: half the time of float32
@@ -89,11 +88,7 @@ class Planner:
     def reset(self, context: ControlContext) -> None:
         """Forget everything and get ready for a run on the context's network."""
         network = context.network
-        config = self.model.config
-        self._recent = RecentSteps(network.n, config.history)
-        self._taken = 0
-        shape = network.slot_mask.shape
-        self._means = RunningMeans(shape, config.memory) if config.memory else None
+        self._recent = RecentSteps(network.n, self.model.config.history)
         self._generator = torch.Generator().manual_seed(context.seed)
         self._observable = torch.from_numpy(context.sensors & network.slot_mask)
         self._slots = torch.from_numpy(network.slot_mask)
@@ -104,11 +99,7 @@ class Planner:
 
     def watch(self, observation: Observation) -> None:
         """Take in the next observation of the run."""
-        recent = self._recent
-        if self._means is not None and self._taken >= self.model.config.history:
-            self._means.take(recent.values[:, 0], recent.known[:, 0], recent.green[:, 0])
-        recent.take(observation)
-        self._taken += 1
+        self._recent.take(observation)
 
     def plan(self, observation: Observation) -> Planned:
         """Take in the next observation of the run, fill its holes and plan from it."""
@@ -149,5 +140,4 @@ class Planner:
             downstream=self._downstream,
             phases=self._phases,
             phase_mask=self._phase_mask,
-            means=None if self._means is None else torch.from_numpy(self._means.table()),
         )

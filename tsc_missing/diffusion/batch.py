@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from tsc_missing.network.slots import APPROACHES, MAX_NEIGHBOURS, N_SLOTS
-from tsc_missing.sensing.means import GREEN, KNOWN
 
 N_SIGNALS = 2  # own-signal features: green, steps since the last green
 
@@ -36,15 +35,6 @@ class Downstream:
 
 
 @dataclass(frozen=True)
-class Means:
-    """Long-run means of before the trajectory: a table of ``sensing.means``, values scaled."""
-
-    own: Tensor  # (B, L, M)
-    near: Tensor  # (B, G, 3, M) of the slots upstream; 0 where there is none
-    down: Tensor  # (B, L, M) summed over the road downstream
-
-
-@dataclass(frozen=True)
 class Inputs:
     """All that the noise model sees beside x^k: y'(τ), r(τ) and the masks.
 
@@ -59,7 +49,6 @@ class Inputs:
     signals: Tensor  # (B, T, L, 2) own signals, 0 after now
     neighbours: Neighbours
     downstream: Downstream
-    means: Means | None = None  # for models that remember
 
 
 @dataclass(frozen=True)
@@ -87,7 +76,6 @@ def rows_of(inputs: Inputs, rows: Tensor) -> Inputs:
         **picked(inputs),
         neighbours=Neighbours(**picked(inputs.neighbours)),
         downstream=Downstream(**picked(inputs.downstream)),
-        means=None if inputs.means is None else Means(**picked(inputs.means)),
     )
 
 
@@ -150,30 +138,6 @@ def sum_downstream(values: Tensor, given: Tensor, exists: Tensor) -> Downstream:
         given=(given | absent).all(dim=2) & there.unsqueeze(-1),
         exists=there,
     )
-
-
-def gather_means(means: Tensor, table: Tensor, downstream: Tensor) -> Means:
-    """The means of N intersections from those of all, ``means`` (N, L, M) scaled.
-
-    ``table`` (N, G, 3) and ``downstream`` (N, L, D) are of flat slots, -1 for none.
-    """
-    flat = means.flatten(0, 1)
-    return Means(
-        own=means,
-        near=blank(flat[table.clamp(min=0)], table >= 0),
-        down=sum_means(flat[downstream.clamp(min=0)], downstream >= 0),
-    )
-
-
-def sum_means(means: Tensor, exists: Tensor) -> Tensor:
-    """(B, L, M) of roads from those of their slots (B, L, D, M), where they ``exist`` (B, L, D).
-
-    Values are 0 unless every slot of the road has some.
-    """
-    known = (means[..., KNOWN].bool() | ~exists).all(dim=2) & exists.any(dim=2)
-    total = blank(means[..., : GREEN + 1], exists).sum(dim=2)
-    values = blank(total[..., :GREEN], known)
-    return torch.cat((values, total[..., GREEN:], known.unsqueeze(-1).float()), dim=-1)
 
 
 def blank(x: Tensor, mask: Tensor) -> Tensor:

@@ -14,7 +14,6 @@ PUBLISHED = {  # what was added here to the method, switched off
     "own_signals": False,
     "slot_identity": False,
     "downstream": False,
-    "memory": 0,
 }
 
 
@@ -57,7 +56,6 @@ class DiffLightConfig(Settings):
     dcm: bool = True
     neighbours: bool = True
     downstream: bool = True  # what is on the roads that a slot leads to is an input
-    memory: int = Field(0, ge=0)  # [readings] over which means of before are inputs; 0: none
     inverse_dynamics: bool = True  # ablation: else observations and actions are diffused together
 
     @model_validator(mode="after")

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as nnf
 
-from tsc_missing.diffusion.batch import Inputs, gather_downstream, gather_means, gather_neighbours
+from tsc_missing.diffusion.batch import Inputs, gather_downstream, gather_neighbours
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.scaling import Scaling
 from tsc_missing.sensing.observation import QUEUE
@@ -29,7 +29,6 @@ class History:
     downstream: Tensor  # (N, L, D) flat slots on the road that a slot leads to, -1 for none
     phases: Tensor  # (N, P, L) bool
     phase_mask: Tensor  # (N, P) bool
-    means: Tensor | None = None  # (N, L, M) of before these steps (``sensing.means``), or none
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,5 @@ def inputs_at_inference(
         signals=signals,
         neighbours=gather_neighbours(values, all_known, signals, table),
         downstream=gather_downstream(values, all_known, history.downstream),
-        means=None
-        if history.means is None
-        else gather_means(scaling.means(history.means), table, history.downstream),
     )
     return inputs, values

@@ -7,7 +7,6 @@ from torch import Tensor, nn
 
 from tsc_missing.diffusion.batch import N_SIGNALS, Downstream, Inputs, blank
 from tsc_missing.diffusion.config import DiffLightConfig, Precision
-from tsc_missing.sensing.means import N_MEANS
 from tsc_missing.sensing.observation import N_FEATURES
 
 N_DOWNSTREAM = N_FEATURES + 2  # of a road downstream: its values, whether told, whether there
@@ -26,14 +25,12 @@ class NoiseModel(nn.Module, ABC):
         self.own_signals = config.own_signals
         beside = config.neighbours and config.noise_model != "unet"
         self.downstream = config.downstream and beside
-        self.memory = config.memory > 0
         self.cell_width = (
             N_FEATURES
             + (not config.inverse_dynamics)
             + config.known_flag
             + N_SIGNALS * config.own_signals
             + N_DOWNSTREAM * self.downstream
-            + N_MEANS * self.memory * (1 + self.downstream)
         )
         self.precision: Precision = "float32"
 
@@ -67,10 +64,6 @@ class NoiseModel(nn.Module, ABC):
             features.append(inputs.signals)
         if self.downstream:
             features.append(_roads_downstream(inputs.downstream))
-        if self.memory:
-            assert inputs.means is not None
-            means = [inputs.means.own, *([inputs.means.down] if self.downstream else [])]
-            features += [each.unsqueeze(1).expand(-1, x.shape[1], -1, -1) for each in means]
         return blank(torch.cat(features, dim=-1), inputs.slots.unsqueeze(1))
 
     @abstractmethod

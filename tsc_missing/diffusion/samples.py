@@ -32,7 +32,7 @@ def with_copies(history: History, rows: Tensor, copies: int) -> History:
     repeated = {
         name: torch.cat((value, value[rows].repeat(copies, *[1] * (value.dim() - 1))))
         for name, value in vars(history).items()
-        if name not in ("neighbours", "downstream") and value is not None
+        if name not in ("neighbours", "downstream")
     }
     tables = {
         name: torch.cat((table, *_moved(table[rows], rows, count, copies)))

@@ -4,7 +4,6 @@ import torch
 from torch import Tensor
 
 from tsc_missing.diffusion.config import ScalingSettings
-from tsc_missing.sensing.means import GREEN
 
 
 class Scaling:
@@ -22,10 +21,6 @@ class Scaling:
     def vehicles(self, values: Tensor) -> Tensor:
         """The inverse of ``values``, [vehicles]."""
         return values * self._scale
-
-    def means(self, table: Tensor) -> Tensor:
-        """(…, M) long-run means, their features in vehicles, to the same with them scaled."""
-        return torch.cat((self.values(table[..., :GREEN]), table[..., GREEN:].float()), dim=-1)
 
     def reward(self, reward: Tensor) -> Tensor:
         """Minus the vehicles queueing at an intersection, to 1 for none … 0; NaN stays NaN."""

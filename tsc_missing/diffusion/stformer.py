@@ -19,7 +19,6 @@ from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.layers import Dense, Projection, StepEmbedding, mlp
 from tsc_missing.diffusion.noise_model import COMPUTE, NoiseModel
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.sensing.means import N_MEANS
 from tsc_missing.sensing.observation import N_FEATURES
 
 
@@ -88,8 +87,7 @@ class STFormer(NoiseModel):
         self.heads = config.heads
         extra = config.known_flag + N_SIGNALS * config.own_signals
         self.own = mlp(self.cell_width, width, width)  # e_ctr
-        told = N_FEATURES + extra + 1 + N_MEANS * self.memory
-        upstream = Dense(told, width)  # e_ntr, its first layer
+        upstream = Dense(N_FEATURES + extra + 1, width)  # e_ntr, its first layer
         self.upstream = upstream if config.neighbours else None
         self.diffusion_step = StepEmbedding(width)  # e_dt
         self.trajectory_step = StepEmbedding(width)  # e_tt
@@ -143,9 +141,6 @@ class STFormer(NoiseModel):
         if self.own_signals:
             features.append(blank(near.signals, near.exists.unsqueeze(-1)))
         features.append(near.exists[..., None, None].float().expand(*given.shape, 1))
-        if self.memory:
-            assert inputs.means is not None
-            features.append(inputs.means.near.unsqueeze(-2).expand(*given.shape, -1))
         e: Tensor = self.upstream(torch.cat(features, dim=-1).to(dtype)) + tt.to(dtype)
         return nnf.relu(e).flatten(2, 3)
 

@@ -5,15 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from tsc_missing.diffusion.batch import (
-    Inputs,
-    Means,
-    Neighbours,
-    TrainingBatch,
-    blank,
-    sum_downstream,
-    sum_means,
-)
+from tsc_missing.diffusion.batch import Inputs, Neighbours, TrainingBatch, sum_downstream
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.history import rewards
 from tsc_missing.diffusion.scaling import Scaling
@@ -44,9 +36,6 @@ class Windows:
     down_values: Tensor  # (B, L, D, T, F) on the roads downstream, in vehicles
     down_given: Tensor  # (B, L, D, T) bool: what they tell
     down_exists: Tensor  # (B, L, D) bool
-    means: Tensor | None = None  # (B, L, M) of before the window (``sensing.means``), or none
-    near_means: Tensor | None = None  # (B, G, 3, M)
-    down_means: Tensor | None = None  # (B, L, D, M)
 
 
 def training_batch(windows: Windows, config: DiffLightConfig) -> TrainingBatch:
@@ -72,7 +61,6 @@ def training_batch(windows: Windows, config: DiffLightConfig) -> TrainingBatch:
         downstream=sum_downstream(
             scaling.values(windows.down_values), windows.down_given, windows.down_exists
         ),
-        means=_means(windows, scaling),
     )
     return TrainingBatch(
         inputs=inputs,
@@ -90,16 +78,6 @@ def _signals(green: Tensor, red: Tensor, config: DiffLightConfig, scaling: Scali
     """(B, T, S) of S slots to (B, T, S, 2), without what comes after now."""
     now = config.history
     return scaling.signals(green[:, :now], red[:, :now], config.steps)
-
-
-def _means(windows: Windows, scaling: Scaling) -> Means | None:
-    if windows.means is None or windows.near_means is None or windows.down_means is None:
-        return None
-    return Means(
-        own=scaling.means(windows.means),
-        near=blank(scaling.means(windows.near_means), windows.near_exists),
-        down=sum_means(scaling.means(windows.down_means), windows.down_exists),
-    )
 
 
 def _neighbours(windows: Windows, config: DiffLightConfig, scaling: Scaling) -> Neighbours:

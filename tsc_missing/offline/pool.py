@@ -8,10 +8,8 @@ import numpy.typing as npt
 from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.offline.dataset import Dataset
-from tsc_missing.offline.log import EpisodeLog
 from tsc_missing.offline.seen import saw_nothing
 from tsc_missing.seeding import stream
-from tsc_missing.sensing.means import N_MEANS, RunningMeans
 
 VEHICLES, QUEUE, RED_STEPS, RECORDED = range(4)  # the columns of a cell
 
@@ -23,10 +21,8 @@ class EpisodePool:
     the oldest leaves for the next. Who is in at a step depends on the seed and the step only.
     """
 
-    def __init__(
-        self, dataset: Dataset, seed: int, resident: int, renew: int, memory: int = 0
-    ) -> None:
-        """Nothing is read yet; with a ``memory`` there are means over as many readings."""
+    def __init__(self, dataset: Dataset, seed: int, resident: int, renew: int) -> None:
+        """Nothing is read yet."""
         entries = dataset.manifest.episodes
         self._dataset = dataset
         self._seed = seed
@@ -37,9 +33,6 @@ class EpisodePool:
         self._at: list[int | None] = [None] * self.size  # position in the order, by place
         shape = (self.size * self.rows * N_SLOTS, 4)
         self.cells: npt.NDArray[np.float32] = np.zeros(shape, dtype=np.float32)
-        self._memory = memory
-        kept = shape[0] if memory else 0
-        self.means: npt.NDArray[np.float32] = np.zeros((kept, N_MEANS), dtype=np.float32)
         self.phase: npt.NDArray[np.int8] = np.zeros(self.size * self.rows, dtype=np.int8)
         self.episode: IntArray = np.zeros(self.size, dtype=np.int64)  # by place
         self.sensed: list[IntArray] = [np.zeros(0, dtype=np.int64)] * self.size
@@ -73,9 +66,6 @@ class EpisodePool:
         cells[:, :RED_STEPS] = log.values.reshape(-1, 2)
         cells[:, RED_STEPS] = log.red_steps.ravel()
         cells[:, RECORDED] = log.recorded.ravel()
-        if self._memory:
-            means = self.means[start * N_SLOTS : (start + rows) * N_SLOTS]
-            means[:] = means_before(log, self._memory).reshape(-1, N_MEANS)
         self.phase[start : start + rows] = log.phase.ravel()
         self.episode[place] = episode
         spec = self._dataset.manifest.episodes[episode].spec
@@ -88,13 +78,3 @@ class EpisodePool:
         self.reports[place] = False
         self.reports[place, : len(reports)] = reports
         self.sensed[place] = np.flatnonzero((reports & there).any(axis=1))
-
-
-def means_before(log: EpisodeLog, readings: int) -> npt.NDArray[np.float32]:
-    """(T, N, 12, M): at each step the long-run means of all recorded before it."""
-    means = RunningMeans(log.red_steps.shape[1:], readings)
-    tables = []
-    for values, recorded, green in zip(log.values, log.recorded, log.green, strict=True):
-        tables.append(means.table())
-        means.take(values, recorded, green)
-    return np.stack(tables)

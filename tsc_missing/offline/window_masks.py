@@ -84,17 +84,6 @@ class WindowMasks:
     burst_rate: FloatArray  # (B,) share of time in an outage
     mean_outage: float  # [decision steps]
 
-    def blind(self, intersections: IntArray) -> BoolArray:
-        """(B, …): whether nothing of ``intersections`` (B, …) reports in the window."""
-        shape = (-1, *[1] * (intersections.ndim - 1))
-        whole = np.full(intersections.shape, N_SLOTS)
-        other = uniform(self.key.reshape(shape), intersections, whole, BLIND)
-        return np.where(
-            intersections == self.own.reshape(shape),
-            self.own_blind.reshape(shape),
-            other < self.near_blind.reshape(shape),
-        )
-
     def seen(self, intersections: IntArray, slots: IntArray, steps: int) -> BoolArray:
         """(B, …, T): whether cells report; ``intersections`` and ``slots`` (B, …)."""
         shape = (-1, *[1] * (intersections.ndim - 1))
@@ -105,7 +94,9 @@ class WindowMasks:
         key = self.key.reshape(shape)
         time = np.arange(steps)
         whole = np.full(intersections.shape, N_SLOTS)
-        blind = self.blind(intersections)
+        other = uniform(key, intersections, whole, BLIND) < self.near_blind.reshape(shape)
+        mine = intersections == self.own.reshape(shape)
+        blind = np.where(mine, self.own_blind.reshape(shape), other)
         key = key[..., None]
         intersections, whole, slots = (x[..., None] for x in (intersections, whole, slots))
         seen = np.broadcast_to(~blind[..., None], (*blind.shape, steps)).copy()

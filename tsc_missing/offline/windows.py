@@ -17,7 +17,6 @@ from tsc_missing.offline.log import FIELD
 from tsc_missing.offline.pool import RECORDED, RED_STEPS, EpisodePool
 from tsc_missing.offline.window_masks import MaskMix, WindowMasks, draw_masks
 from tsc_missing.seeding import stream
-from tsc_missing.sensing.means import GREEN, KNOWN
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,8 @@ class WindowSampler:
         told_all: float = 0.5,
         resident: int = 128,
         renew: int = 4,
-        memory: int = 0,
     ) -> None:
-        """``resident``, ``renew`` and ``memory``: see ``EpisodePool``."""
+        """``resident`` and ``renew``: see ``EpisodePool``."""
         self._history = history
         self._length = history + horizon
         shortest = min(entry.steps for entry in dataset.manifest.episodes)
@@ -62,7 +60,7 @@ class WindowSampler:
         self._mix = mix
         self._seed = seed
         self._told_all = told_all
-        self._pool = EpisodePool(dataset, seed, resident, renew, memory)
+        self._pool = EpisodePool(dataset, seed, resident, renew)
         self._cells = torch.from_numpy(self._pool.cells)
         entries = dataset.manifest.episodes
         self._steps = np.array([entry.steps for entry in entries])
@@ -132,30 +130,7 @@ class WindowSampler:
             down_values=down.values,
             down_given=down.given,
             down_exists=down.exists,
-            **self._means(_Before(rows[:, 0], time[:, 0] > 0, masks), draw, index),
         )
-
-    def _means(self, before: "_Before", draw: Draw, index: IntArray) -> dict[str, Tensor]:
-        """Means of before the windows at places ``index`` (B,) of the tables, if there are any."""
-        if not len(self._pool.means):
-            return {}
-        own = draw.intersection[:, None] * N_SLOTS + np.arange(N_SLOTS)
-        return {
-            "means": self._means_of(before, own),
-            "near_means": self._means_of(before, self._tables.neighbours[index]),
-            "down_means": self._means_of(before, self._tables.downstream[index]),
-        }
-
-    def _means_of(self, before: "_Before", table: IntArray) -> Tensor:
-        """(B, …, M) of the flat slots of ``table`` (B, …); who is blind now never reported."""
-        shape = (-1, *[1] * (table.ndim - 1))
-        slots = np.maximum(table, 0)
-        cells = before.row.reshape(shape) * N_SLOTS + slots
-        means = self._pool.means[cells] * before.within.reshape(*shape, 1)
-        blind = before.masks.blind(slots // N_SLOTS)
-        means[blind, :GREEN] = 0
-        means[blind, KNOWN] = 0
-        return _tensor(means)
 
     def _where_blind(self, draw: Draw, blind: BoolArray, rng: np.random.Generator) -> Draw:
         """Move windows that see nothing to intersections whose policy saw nothing either.
@@ -205,15 +180,6 @@ class _Telling:
     within: BoolArray  # (B, T)
     masks: WindowMasks
     everything: BoolArray  # (B,) whether they tell all that is recorded
-
-
-@dataclass(frozen=True)
-class _Before:
-    """Where the means of before windows are."""
-
-    row: IntArray  # (B,) the first row of the window's first step in the pool
-    within: BoolArray  # (B,) whether there was a step before it
-    masks: WindowMasks
 
 
 @dataclass(frozen=True)

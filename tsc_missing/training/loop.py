@@ -59,7 +59,6 @@ class Training(StepTraining[TrainingSettings, Seen]):
             settings.told_all,
             settings.resident,
             settings.renew,
-            settings.model.memory,
         )
         self._means: _Means | None = None  # since the first step of this process
         self._begin(resume, RESUMABLE)
