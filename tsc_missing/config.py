@@ -67,9 +67,7 @@ class MissingSettings(Settings):
     pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed", "file"] = "none"
     rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
-    mean_outage: float = Field(
-        MEAN_OUTAGE, ge=1, allow_inf_nan=False
-    )  # [decision steps]
+    mean_outage: float = Field(MEAN_OUTAGE, ge=1, allow_inf_nan=False)  # [decision steps]
     file: str = ""  # a mask.npz or a list of outages (CSV), for the pattern file
 
     @property
