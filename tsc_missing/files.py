@@ -113,8 +113,11 @@ def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Pa
         for parent in made:
             with contextlib.suppress(OSError):
                 parent.rmdir()
-        if isinstance(error, OSError):
-            raise UserError(field, folder, f"cannot be written ({error.strerror})") from error
+        if isinstance(error, OSError) and not isinstance(error, ConnectionError):
+            words = error.strerror or str(error)
+            elsewhere = error.filename is not None and str(temporary) not in str(error.filename)
+            place = f": {error.filename}" if elsewhere else ""
+            raise UserError(field, folder, f"cannot be written ({words}{place})") from error
         raise
 
 

@@ -67,12 +67,19 @@ def own_digest(name: str, field: str) -> str:
 
 @contextlib.contextmanager
 def set_apart() -> Iterator[None]:
-    """What the code prints goes to the error stream, and ``sys.exit`` is an error like others."""
+    """What the code prints goes to the error stream; whatever it raises is an error like others.
+
+    But for a ``KeyboardInterrupt``, which is a user's Ctrl-C.
+    """
     with contextlib.redirect_stdout(sys.stderr):
         try:
             yield
+        except (Exception, KeyboardInterrupt):
+            raise
         except SystemExit as error:
             raise RuntimeError(f"it called sys.exit({error.code})") from error
+        except BaseException as error:
+            raise RuntimeError(f"it raised {type(error).__name__}: {error}") from error
 
 
 @contextlib.contextmanager
@@ -113,6 +120,8 @@ def _module(name: str, field: str, anew: bool) -> ModuleType:
     if not place.endswith(SUFFIX):
         with named(name, field, f"loading {place}"), set_apart():
             _find_in(Path.cwd())
+            if anew:
+                sys.modules.pop(place, None)
             return importlib.import_module(place)
     path = Path(place)
     if not path.is_file():
@@ -150,9 +159,16 @@ def _module_of_file(path: Path, anew: bool) -> ModuleType:
 
 
 def _is_below(module: str, folder: Path) -> bool:
-    """Whether a module that is loaded comes from a folder."""
+    """Whether a module that is loaded comes from a folder, and not from a package installed there.
+
+    Nor is it this project, in whose checkout the folder may be.
+    """
     file = getattr(sys.modules.get(module), "__file__", None)
-    return file is not None and Path(file).resolve().is_relative_to(folder)
+    if file is None or module.partition(".")[0] == __name__.partition(".")[0]:
+        return False
+    path = Path(file).resolve()
+    installed = path.is_relative_to(sys.prefix) or "site-packages" in path.parts
+    return path.is_relative_to(folder) and not installed
 
 
 def _find_in(folder: Path) -> None:

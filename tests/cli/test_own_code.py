@@ -265,3 +265,56 @@ def test_the_suite_of_the_page_can_be_read(command, mine):
     done = command("batch", "page.toml", "--list")
     assert done.returncode == 0, done.stderr
     assert "jinan_1-random-0.1-longest_wait-seed0" in done.stdout
+
+
+def test_one_that_ends_everything_costs_nothing_else_and_keeps_nothing(command, mine, small_net):
+    (command.cwd / "odd.py").write_text(
+        "import os\n"
+        "from tsc_missing.controllers.max_queue import MaxQueue\n"
+        "class Stop(BaseException): ...\n"
+        "class Stops(MaxQueue):\n"
+        "    def decide(self, observation):\n"
+        "        raise Stop('now')\n"
+        "class Interrupts(MaxQueue):\n"
+        "    def decide(self, observation):\n"
+        "        raise KeyboardInterrupt\n"
+        "class Moves(MaxQueue):\n"
+        "    def reset(self, context):\n"
+        "        super().reset(context)\n"
+        "        assert os.environ.setdefault('WAS', str(id(self))) == str(id(self))\n"
+        "        os.chdir('/')\n"
+    )
+    (command.cwd / "s.toml").write_text(
+        'title = "Odd"\n[[runs]]\nmissing.pattern = "none"\nhorizon = 30\nseed = [0, 1]\n'
+        f'net = "{small_net}"\n'
+        'method = ["odd.py:Stops", "odd.py:Interrupts", "odd.py:Moves", "max-queue"]\n'
+    )
+    done = command("batch", "s.toml", "--out", "b", "--workers", 1, "--retries", 0)
+    assert done.returncode == 1, done.stdout + done.stderr
+    table = {
+        row["run"]: row for row in pq.read_table(command.cwd / "b/results.parquet").to_pylist()
+    }
+    failed = {name: row["error"] for name, row in table.items() if row["status"] == "failed"}
+    assert len(table) == 8
+    assert all("Interrupts" in name and "KeyboardInterrupt" in why for name, why in failed.items())
+    assert len(failed) == 2
+    assert all(row["fallbacks"] == 12 for name, row in table.items() if "Stops" in name)
+    assert all(row["fallbacks"] == 0 for name, row in table.items() if "Moves" in name)
+
+
+def test_packages_installed_beside_a_file_are_loaded_once(command, small_net):
+    site = command.cwd / ".venv" / "lib" / "site-packages"
+    site.mkdir(parents=True)
+    (site / "installed.py").write_text("import sys\nsys.loads = getattr(sys, 'loads', 0) + 1\n")
+    (command.cwd / "mine.py").write_text(
+        "import sys\n"
+        f"sys.path.append({str(site)!r})\n"
+        "import installed\n"
+        "from tsc_missing.controllers.max_queue import MaxQueue\n"
+        "class Mine(MaxQueue):\n"
+        "    def decide(self, observation):\n"
+        "        assert sys.loads == 1\n"
+        "        return super().decide(observation)\n"
+    )
+    found = run(command, "--net", small_net, "--horizon", "30", "--controller", "mine.py:Mine")
+    assert found["result"]["fallbacks"] == 0

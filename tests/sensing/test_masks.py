@@ -1,5 +1,6 @@
 import contextlib
 import io
+import json
 import pickle
 
 import numpy as np
@@ -8,9 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.networks import grid_network, tee_network
-from tsc_missing.config import MissingSettings
+from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.sensing.masks import SLOTS, load_mask, missing_share, save_mask
+from tsc_missing.sensing.masks_of_runs import mask_of
 from tsc_missing.sensing.patterns import draw_mask
 
 NETWORK = grid_network(2, 3)
@@ -135,3 +137,15 @@ def test_missing_share_counts_slots_that_are_there():
     assert missing_share(mask, tee.slot_mask) == 0
     mask[:, 4] = ~tee.slot_mask[4]
     assert missing_share(mask, tee.slot_mask) == pytest.approx(6 / 66)
+
+
+def test_a_mask_of_a_run_that_decided_at_other_times(tmp_path):
+    network = grid_network(2, 3)
+    save_mask(tmp_path / "mask.npz", np.ones((40, 6, 12), dtype=bool), network.ids)
+    missing = {"pattern": "file", "file": str(tmp_path / "mask.npz")}
+    settings = RunSettings.model_validate({"missing": missing, "horizon": 300})
+    assert mask_of(settings, network).shape == (20, 6, 12)  # no run.json beside it
+    record = {"settings": {"signals": {"decision_interval": 30}}}
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    with pytest.raises(UserError, match="its steps are of 30 s, the run's of 15 s"):
+        mask_of(settings, network)

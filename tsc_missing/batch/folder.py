@@ -65,12 +65,19 @@ _FAILURE = TypeAdapter(Failure)
 def check_folder(out: Path) -> None:
     """Raise ``UserError`` unless ``out`` is a batch's folder, or new, or empty."""
     if out.is_dir() and not (out / PLAN).is_file():
-        if any(path.name != LOCK for path in out.iterdir()):
+        if not all(_of_a_start(path) for path in out.iterdir()):
             raise UserError(
                 FIELD, out, "something else is in it; name a new folder or that of a batch"
             )
     elif out.exists() and not out.is_dir():
         raise UserError(FIELD, out, "it is a file; name a new folder or that of a batch")
+
+
+def _of_a_start(path: Path) -> bool:
+    """Whether it may be left of a batch that ended before it had a plan."""
+    if path.name in (RUNS, FAILURES) and path.is_dir():
+        return not any(path.iterdir())
+    return path.name == LOCK or path.name.startswith(f".{PLAN}.")
 
 
 def read_plan(out: Path, field: str = FIELD) -> Plan:
@@ -109,6 +116,9 @@ def read_run(out: Path, name: str) -> dict[str, Any] | None:
     """The ``run.json`` of a finished run, None where there is none."""
     path = run_folder(out, name) / RUN
     if not path.is_file():
+        if path.parent.exists():
+            verdict = f"holds {RUNS}/{name} without a {RUN}"
+            raise UserError(FIELD, out, "it is no whole run; remove it", verdict=verdict)
         return None
     found: dict[str, Any] = read_json(path, FIELD)
     return found
@@ -156,7 +166,7 @@ def _same(what: str, found: Any, wanted: Any, out: Path, name: str) -> None:
         FIELD,
         out,
         f"{place} was {there}, is {here}; {advice}",
-        verdict=f"holds {RUNS}/{name} with other {what}:",
+        verdict=f"holds {RUNS}/{name} with other {what}",
     )
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from tsc_missing.batch.check import LACKING, METHODS, available, check_scenarios, lacking_words
 from tsc_missing.batch.engine import Engine, alive_file, cluster_engine, local_engine, run_tasks
 from tsc_missing.batch.folder import (
+    FIELD,
     PLAN,
+    RUNS,
     Failure,
     Plan,
     check_folder,
@@ -29,6 +31,7 @@ from tsc_missing.batch.task import Task
 from tsc_missing.batch.worker import Care, Outcome
 from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.run_folder import is_whole
 from tsc_missing.evaluation.scenario import Scenario
 
 
@@ -42,6 +45,7 @@ class Batch:
     finished: frozenset[str]  # names of the runs that are there
     out: Path
     reusable: dict[str, Path] = field(default_factory=dict)  # runs of other batches, by name here
+    any_version: bool = False  # whether runs of other versions count as finished
 
     @property
     def missing(self) -> tuple[RunSpec, ...]:
@@ -93,7 +97,7 @@ def prepare_batch(
     left = [run for run in runs if run.name not in finished]
     reusable = find_reusable(reuse, left, scenarios, any_version)
     suite = suite.model_copy(update={"runs": runs})
-    return Batch(suite, lacking, scenarios, frozenset(finished), out, reusable)
+    return Batch(suite, lacking, scenarios, frozenset(finished), out, reusable, any_version)
 
 
 def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[str, Failure]:
@@ -101,7 +105,7 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
 
     ``watch`` is called at the start and whenever a run ended, with what tells the state. Ended
     early, the runs that are finished stay and the table tells of them. Where it cannot start, or
-    no run is left of the suite (``UserError``), a new folder goes away again.
+    no run is left of the suite (``UserError``), a new folder without a run goes away again.
     """
     if not batch.suite.runs:
         words = lacking_words(batch.lacking)
@@ -109,13 +113,25 @@ def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[st
     with held(batch.out):
         new = not (batch.out / PLAN).exists()
         try:
-            _run_batch(batch, means, watch)
-        except UserError:
-            if new:
+            _run_batch(_as_it_is_now(batch), means, watch)
+        except (UserError, OSError) as error:
+            if new and not any((batch.out / RUNS).glob("[!.]*")):
                 shutil.rmtree(batch.out, ignore_errors=True)
+            if isinstance(error, OSError):
+                raise UserError(FIELD, batch.out, f"cannot be written ({error})") from error
             raise
     failures = {run.name: read_failure(batch.out, run.name) for run in batch.suite.runs}
     return {name: failure for name, failure in failures.items() if failure is not None}
+
+
+def _as_it_is_now(batch: Batch) -> Batch:
+    """The batch with the runs that another has made since it was prepared."""
+    runs = batch.suite.runs
+    if batch.finished == {run.name for run in runs if run_folder(batch.out, run.name).exists()}:
+        return batch
+    there = finished_runs(batch.out, runs, batch.scenarios, batch.any_version)
+    reusable = {name: path for name, path in batch.reusable.items() if name not in there}
+    return replace(batch, finished=frozenset(there), reusable=reusable)
 
 
 def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
@@ -149,8 +165,7 @@ def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:
         tasks = [_task(batch.out, run, means.decisions, alive) for run in missing]
         tally.start(engine)
         for outcome in run_tasks(engine, tasks, means.care):
-            _keep(batch.out, outcome)
-            tally.count(outcome)
+            tally.count(outcome, there=_keep(batch.out, outcome))
 
 
 def _engine(means: Means, out: Path, runs: int) -> contextlib.AbstractContextManager[Engine]:
@@ -164,17 +179,16 @@ def _task(out: Path, run: RunSpec, decisions: bool, alive: Path) -> Task:
     return Task(run.name, run.settings, folder, decisions, alive)
 
 
-def _keep(out: Path, outcome: Outcome) -> None:
-    """Write down a failure, or forget an earlier one."""
-    if outcome.failure is not None:
-        write_failure(out, outcome.name, outcome.failure)
-    elif run_folder(out, outcome.name).exists():
+def _keep(out: Path, outcome: Outcome) -> bool:
+    """Write down a failure, or forget an earlier one; tells whether the run is there."""
+    if is_whole(run_folder(out, outcome.name)):  # maybe its process ended just after it
         forget_failure(out, outcome.name)
-    else:
-        lost = Failure(
-            kind="crash", error="the worker said that it was done, but the folder is not there"
-        )
-        write_failure(out, outcome.name, lost)
+        return True
+    lost = Failure(
+        kind="crash", error="the worker said that it was done, but the folder is not there"
+    )
+    write_failure(out, outcome.name, outcome.failure or lost)
+    return False
 
 
 class _Tally:
@@ -192,9 +206,9 @@ class _Tally:
         self._engine = engine
         self._tell()
 
-    def count(self, outcome: Outcome) -> None:
+    def count(self, outcome: Outcome, there: bool) -> None:
         self._last = outcome
-        if outcome.failure is None:
+        if there:
             self._done += 1
         else:
             self._failed += 1

@@ -9,6 +9,7 @@ from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Progress
 from tsc_missing.evaluation.run import Options, execute, prepare
+from tsc_missing.evaluation.run_folder import is_whole
 from tsc_missing.versions import versions
 
 
@@ -29,7 +30,7 @@ class UnwantedError(Exception):
 
 def run_task(task: Task) -> Failure | None:
     """Make the run's folder; what goes wrong is said, never raised."""
-    if task.folder.exists():
+    if is_whole(task.folder):
         return None
     options = Options(task.folder, task.decisions, durable=True)
 
@@ -40,8 +41,11 @@ def run_task(task: Task) -> Failure | None:
     try:
         execute(prepare(task.settings, options), watch)
     except UserError as error:
-        return None if task.folder.exists() else _failure("refused", str(error))
-    except Exception as error:
+        if is_whole(task.folder):
+            return None
+        passing = isinstance(error.__cause__, OSError)  # a full disk; worth another attempt
+        return _failure("error" if passing else "refused", str(error))
+    except BaseException as error:  # Ctrl-C is not for this process, so it is the run's
         words = " ".join(str(error).split()) or "no message"
         return _failure("error", f"{type(error).__name__}: {words}", traceback.format_exc())
     return None

@@ -19,6 +19,7 @@ from typing import Any
 
 from tsc_missing.batch.folder import Failure, clear_leftovers
 from tsc_missing.batch.task import Task, run_task
+from tsc_missing.own_code import is_own
 from tsc_missing.processes import leave_to_parent
 from tsc_missing.versions import versions
 
@@ -78,6 +79,8 @@ class Worker:
             self.busy = False
             self._last = time.monotonic()
         self._runs += 1
+        if is_own(task.settings.controller) or is_own(task.settings.imputer):
+            self.close()  # what it keeps, or did to the process, is of one run
         return found
 
     def _ready(self, runs_per_process: int) -> None:

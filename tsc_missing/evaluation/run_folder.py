@@ -22,6 +22,11 @@ MASK = "mask.npz"
 STATUS = ("waiting", "running", "finished")
 
 
+def is_whole(folder: Path) -> bool:
+    """Whether there is a run in a folder."""
+    return (folder / RUN).is_file()
+
+
 def write_run(folder: Path, run: dict[str, Any]) -> None:
     """Write ``run.json``."""
     (folder / RUN).write_text(json.dumps(run, indent=1) + "\n", encoding="utf-8")

@@ -1,8 +1,11 @@
 """The mask of a run: drawn from its seed, or read from a file."""
 
+import contextlib
+import json
 from pathlib import Path
 
 from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.sensing.masks import load_mask
 from tsc_missing.sensing.outage_list import is_list, read_outages
@@ -17,7 +20,17 @@ def mask_of(settings: RunSettings, network: Network) -> BoolArray:
     if is_list(path):
         interval = settings.signals.decision_interval
         return read_outages(path, network, settings.steps, interval)
+    _check_interval(path, settings.signals.decision_interval)
     return load_mask(path, network, settings.steps)
+
+
+def _check_interval(path: Path, interval: int) -> None:
+    """Raise ``UserError`` for the mask of a run that decided at other times."""
+    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
+        record = json.loads(path.with_name("run.json").read_text(encoding="utf-8"))
+        found = record["settings"]["signals"]["decision_interval"]
+        if found != interval:
+            raise UserError("mask", path, f"its steps are of {found} s, the run's of {interval} s")
 
 
 def mask_file(settings: RunSettings) -> Path | None:
