@@ -262,7 +262,9 @@ def test_suites_of_outages_can_be_read_whatever_intersections_are_called(ids, tm
     record = network.record.model_copy(update={"intersections": called})
     network = Network("städtchen", record)
     out = tmp_path / "s"
-    names = write_outage_suite(network, "jinan", out, False, ["max-queue"], 2)
+    names = write_outage_suite(
+        network, out, False, {"method": ["max-queue"], "net": "jinan", "seed": [0, 1]}
+    )
     suite = read_suite(str(out / "suite.toml"))
     assert len({run.name for run in suite.runs}) == 2 * (len(ids) + 1)
     assert {run.case for run in suite.runs if not run.settings.missing.file} == {"none"}

@@ -196,6 +196,24 @@ def test_bad_routes(crossing, command, tmp_path):
     refused(command, *arguments, "--vehicles-per-hour", -5, words=["--vehicles-per-hour", "-5"])
 
 
+def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, command):
+    routes = write_routes(
+        crossing / "mixed.rou.xml",
+        '<route id="r" edges="in_0 nowhere"/>',
+        '<trip id="good" depart="0" from="in_0" to="out_2"/>',
+        '<trip id="a" depart="1" from="in_0" to="nowhere"/>',
+        '<flow id="b" begin="1" end="90" number="9" from="where" to="out_2"/>',
+        '<trip id="c" depart="2" from="in_0" to="out_2" via="elsewhere"/>',
+        '<vehicle id="d" depart="3" route="r"/>',
+        '<vehicle id="e" depart="4"><route edges="in_1 nowhere"/></vehicle>',
+    )
+    arguments = ("--sumo-net", crossing / "star.net.xml", "--routes", routes, "--out", "x")
+    done = command("net", "import", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert " 1 vehicles" in done.stdout
+    assert "5 vehicles, trips or flows name roads that the net has not" in done.stdout
+
+
 def test_bad_extracts(command, tmp_path):
     arguments = ("net", "import", "--out", "x", "--osm")
     words = ["osm", "no road"]

@@ -86,6 +86,7 @@ def test_which_sensors_are_missed_most(command, small_net):
     done = command("net", "outages", small_net, *wanted)
     assert done.returncode == 0, done.stderr
     assert "6 lists of outages; the suite has 7 runs" in done.stdout
+    assert "horizon = 600\n" in (command.cwd / "s" / "suite.toml").read_text()  # of its demand
     batch = ("s/suite.toml", "--out", "s/runs", "--set", f"horizon={HORIZON}", "--workers", 1)
     done = command("batch", *batch)
     assert done.returncode == 0, done.stderr

@@ -202,3 +202,11 @@ def test_interrupting_leaves_no_run_folder(command, small_net, tmp_path, numbers
     assert re.fullmatch(r"error: interrupted[^\n]*\n", errors)
     assert list(command.cwd.iterdir()) == []
     assert not list(tmp_path.glob("tsc-*"))
+
+
+def test_programs_of_sumo_say_that_nothing_is_missing_for_them(command, small_net):
+    words = ("--net", small_net, "--horizon", 60, "--controller", "actuated", "--no-decisions")
+    done = command("run", *words, "--missing", "random", "--rate", "0.5")
+    assert done.returncode == 0, done.stderr
+    assert "warning: SUMO runs actuated itself, and it sees everything" in done.stdout
+    assert "warning" not in command("run", *words).stdout

@@ -12,6 +12,7 @@ from tsc_missing.controllers.fixed_time import (
     webster_cycle,
     webster_plan,
 )
+from tsc_missing.network.model import Network
 
 FLOWS = {
     (A, "E-straight"): 0.3 * SATURATION_FLOW,
@@ -134,3 +135,19 @@ def test_plain_cycle_counts_seconds_and_not_steps(network):
 
 def test_a_cycle_depends_on_the_step_alone(network):
     assert phases(PlainCycle(15.0), network, [6, 1, 6])[:, A].tolist() == [2, 1, 2]
+
+
+def test_lanes_for_buses_carry_no_cars(network):
+    flows = np.zeros(network.slot_mask.shape)
+    n, k = B, slot("W-straight")
+    flows[n, k] = 0.5 * SATURATION_FLOW
+    one, other = network.slot_lanes[n][k]
+    assert slot_flow_ratios(network, flows)[n, k] == pytest.approx(0.25)
+    for closed, share in (({one}, 0.5), ({one, other}, 0.25)):
+        lanes = {
+            name: lane.model_copy(update={"no_cars": True} if name in closed else {})
+            for name, lane in network.record.lanes.items()
+        }
+        record = network.record.model_copy(update={"lanes": lanes})
+        ratios = slot_flow_ratios(Network("buses", record), flows)
+        assert ratios[n, k] == pytest.approx(share)

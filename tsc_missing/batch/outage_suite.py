@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tsc_missing.batch.suite import slug
@@ -18,18 +18,14 @@ LONGEST = 80  # characters of a file's name
 
 
 def write_outage_suite(
-    network: Network,
-    net: str,
-    out: Path,
-    approaches: bool,
-    methods: Sequence[str],
-    seeds: int,
+    network: Network, out: Path, approaches: bool, block: Mapping[str, object]
 ) -> tuple[str, ...]:
     """Write a list of outages for each intersection, and the suite that runs them; their names.
 
-    With ``approaches`` for each approach of each intersection. ``net`` is the network's name or
-    folder; ``seeds`` are counted from 0. The lists are named in the suite as they are seen from
-    the current folder. Raises ``UserError`` unless ``out`` can be made.
+    With ``approaches`` for each approach of each intersection. ``block`` has the keys of the
+    suite's runs beside what is missing: method, net, seed and whatever else. The lists are named
+    in the suite as they are seen from the current folder. Raises ``UserError`` unless ``out`` can
+    be made.
     """
     lists = dict(_outages(network, approaches))
     with whole_folder(out, FIELD) as folder:
@@ -37,7 +33,7 @@ def write_outage_suite(
             with (folder / name).open("w", encoding="utf-8", newline="") as stream:
                 csv.writer(stream, lineterminator="\n").writerows([COLUMNS[:2], row])
         files = [str(out / name) for name in lists]
-        text = _suite(network.name, net, methods, files, range(seeds))
+        text = _suite(network.name, block, files)
         (folder / SUITE).write_text(text, encoding="utf-8")
     return tuple(lists)
 
@@ -57,20 +53,17 @@ def _outages(network: Network, approaches: bool) -> Iterator[tuple[str, tuple[st
             yield f"{name}.csv", (identity, approach)
 
 
-def _suite(
-    name: str, net: str, methods: Sequence[str], files: Sequence[str], seeds: Iterable[int]
-) -> str:
-    """Text in TOML, whose strings and lists of strings and numbers are JSON's."""
+def _suite(name: str, block: Mapping[str, object], files: Sequence[str]) -> str:
+    """Text in TOML, whose strings, numbers and lists of them are JSON's."""
 
     def text(value: object) -> str:
         return json.dumps(value, ensure_ascii=False)
 
-    block = (
-        f"[[runs]]\nmethod = {text(list(methods))}\nnet = {text(net)}\nseed = {text(list(seeds))}\n"
-    )
+    runs = "".join(f"{key} = {text(value)}\n" for key, value in block.items())
     lists = ",\n".join(f"  {text(file)}" for file in files)
     return (
         f"title = {text(f'Which sensor of {name} is missed most')}\n"
         'about = "Each case has one more outage, for the whole run, than the one with none."\n\n'
-        f'{block}missing.pattern = "none"\n\n{block}missing.file = [\n{lists},\n]\n'
+        f'[[runs]]\n{runs}missing.pattern = "none"\n\n'
+        f"[[runs]]\n{runs}missing.file = [\n{lists},\n]\n"
     )

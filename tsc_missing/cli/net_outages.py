@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from tsc_missing.cli.options import NetArgument, make_settings
+from tsc_missing.cli.options import NetArgument
 from tsc_missing.config import RunSettings
 
 DEFAULT = RunSettings()
@@ -29,11 +29,13 @@ def outages(
 ) -> None:
     """Write a suite that takes the sensors away one after the other: which is missed most?"""
     from tsc_missing.batch.outage_suite import SUITE, write_outage_suite
-    from tsc_missing.evaluation.overview import find_network
+    from tsc_missing.evaluation.scenario import find_scenario
 
-    folder, _ = find_network(make_settings(net=net))
+    scenario = find_scenario(net, DEFAULT.demand)
     methods = list(dict.fromkeys(method or [DEFAULT.controller]))
-    names = write_outage_suite(folder.network, net, out, each == "approach", methods, seeds)
+    horizon = round(scenario.folder.manifest.horizon or DEFAULT.horizon)
+    block = {"method": methods, "net": net, "seed": list(range(seeds)), "horizon": horizon}
+    names = write_outage_suite(scenario.folder.network, out, each == "approach", block)
     runs = (len(names) + 1) * len(methods) * seeds
     print(f"{len(names)} lists of outages; the suite has {runs} runs:\n")
     suite, results = shlex.quote(str(out / SUITE)), shlex.quote(str(out / "runs"))

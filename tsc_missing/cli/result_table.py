@@ -1,11 +1,13 @@
 """The table that closes a run."""
 
+from itertools import chain
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from tsc_missing.config import RunSettings
+from tsc_missing.controllers.catalogue import NATIVE
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.evaluation.metrics import Result
@@ -23,9 +25,19 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    for warning in [*warnings(result), *_fallback(prepared), *_observed_in_the_log(prepared)]:
+    told = (_native(prepared), _fallback(prepared), _observed_in_the_log(prepared))
+    for warning in [*warnings(result), *chain(*told)]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
+
+
+def _native(prepared: Prepared) -> list[str]:
+    settings = prepared.settings
+    if settings.controller not in NATIVE or settings.missing.pattern == "none":
+        return []
+    return [
+        f"SUMO runs {settings.controller} itself, and it sees everything: nothing is missing for it"
+    ]
 
 
 def _fallback(prepared: Prepared) -> list[str]:

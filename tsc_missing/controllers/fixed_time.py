@@ -81,11 +81,14 @@ class FixedTime(Cycle):
 def slot_flow_ratios(network: Network, flows: FloatArray) -> FloatArray:
     """(N, 12): flow over saturation flow on a slot's busiest lane, given ``flows`` [vehicles/h].
 
-    A movement's flow spreads evenly over its lanes; a lane carries all movements that use it.
+    A movement's flow spreads evenly over its lanes, without those for buses only where it has
+    others; a lane carries all movements that use it.
     """
     lanes, flat, _ = network.lane_slots
-    per_lane = flows.reshape(-1) / np.maximum(network.slot_lane_count.reshape(-1), 1)
-    load = np.bincount(lanes, weights=per_lane[flat])
+    closed = [bool(network.record.lanes[lane].no_cars) for lane in network.entrance_lanes]
+    part = np.where(np.array(closed)[lanes], 1e-9, 1.0)  # hardly anything, where there are others
+    parts = np.bincount(flat, weights=part, minlength=flows.size)
+    load = np.bincount(lanes, weights=flows.reshape(-1)[flat] / parts[flat] * part)
     ratios = np.zeros(flows.size)
     np.maximum.at(ratios, flat, load[lanes] / SATURATION_FLOW)
     return ratios.reshape(flows.shape)

@@ -5,7 +5,7 @@ import re
 import subprocess
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -43,6 +43,9 @@ def route_demand(
         given.add(path, field)
     if not given.traffic:
         raise UserError(field, files[0], "there is no vehicle, trip or flow in it")
+    strangers = given.leave_out_strangers(_roads(net))
+    if not given.traffic:
+        raise UserError(field, files[-1], f"it must be for this net, which has no {strangers[0]}")
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
         merged, routed = Path(scratch, "given.rou.xml"), Path(scratch, "routed.rou.xml")
         given.write(merged)
@@ -52,7 +55,11 @@ def route_demand(
         if demand is None or (unknown and len(unknown) >= len(demand.trips)):
             raise _nothing(files[-1], field, problems, unknown, given, begin)
         kept = {e.get("id", "") for _, e in ElementTree.iterparse(routed) if e.tag == "vehicle"}
-    return Found(demand, tuple(_notes(given, kept, problems, begin, begin + horizon)))
+    notes = _notes(given, kept, problems, begin, begin + horizon)
+    if strangers:
+        lost = f"{len(strangers)} vehicles, trips or flows name roads that the net has not"
+        notes.insert(0, f"{lost} and are left out, first {strangers[0]}")
+    return Found(demand, tuple(notes))
 
 
 @dataclass
@@ -86,6 +93,26 @@ class Given:
         """The vehicles, trips and flows."""
         return [element for element in self.elements if element.tag in TRAFFIC]
 
+    def leave_out_strangers(self, roads: Set[str]) -> list[str]:
+        """Drop traffic that names roads of another net, which duarouter would cut off there.
+
+        Returns the first such road of each.
+        """
+        strange = {
+            element.get("id", ""): road
+            for element in self.elements
+            if element.tag == "route" and (road := _stranger(element, roads))
+        }
+        found, kept = [], []
+        for element in self.elements:
+            road = strange.get(element.get("route", "")) or _stranger(element, roads)
+            if element.tag in TRAFFIC and road:
+                found.append(road)
+            elif not (element.tag == "route" and road):
+                kept.append(element)
+        self.elements = kept
+        return found
+
     def departures(self) -> dict[str, float]:
         """When single vehicles depart [s], by id, as far as a number says so."""
         return {
@@ -101,6 +128,25 @@ class Given:
         root.extend(sorted(definitions, key=lambda e: ORDER.index(e.tag)))
         root.extend(sorted(self.traffic, key=_seconds))
         ElementTree.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
+
+
+def _roads(net: Path) -> Set[str]:
+    """The ids of a net's roads."""
+    found = set()
+    for _, element in ElementTree.iterparse(net):
+        if element.tag == "edge":
+            found.add(element.get("id", ""))
+            element.clear()
+    return found
+
+
+def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
+    """A road that the element names, or its route does, and that is none of these."""
+    own = element.find("route")
+    named = [element.get("from", ""), element.get("to", ""), *element.get("via", "").split()]
+    named += element.get("edges", "").split()
+    named += own.get("edges", "").split() if own is not None else []
+    return next((road for road in named if road and road not in roads), None)
 
 
 def _seconds(element: ElementTree.Element) -> float:

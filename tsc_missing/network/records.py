@@ -76,11 +76,15 @@ class ReachRecord(Record):
 
 
 class LaneRecord(Record):
-    """A lane of the network: its road, length [m] and speed limit [m/s]."""
+    """A lane of the network: its road, length [m] and speed limit [m/s].
+
+    ``no_cars`` is true where buses or lorries may drive and cars may not.
+    """
 
     road: str
     length: float
     speed: float
+    no_cars: bool | None = None
 
 
 class NetworkRecord(Record):

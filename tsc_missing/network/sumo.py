@@ -176,7 +176,10 @@ def _lanes(source: SumoNet, entrances: Collection[str]) -> dict[str, LaneRecord]
     """All lanes but those for nobody but pedestrians, bicycles and trains."""
     return {
         lane.getID(): LaneRecord(
-            road=edge.getID(), length=lane.getLength(), speed=max(lane.getSpeed(), 0.1)
+            road=edge.getID(),
+            length=lane.getLength(),
+            speed=max(lane.getSpeed(), 0.1),
+            no_cars=None if lane.allows("passenger") else True,
         )
         for edge in sorted(source.net.getEdges(), key=lambda edge: str(edge.getID()))
         for lane in edge.getLanes()
