@@ -11,6 +11,7 @@ MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
 GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
 BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md),
 BLIND_STEPS = 10  # but not at intersections without a sensor
+AREA_LENGTH = 50.0  # [m] (``SensorSettings.length``)
 MEAN_OUTAGE = 8.0  # [decision steps] (``MissingSettings.mean_outage``)
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs
 
@@ -137,7 +138,13 @@ class SensorSettings(Settings):
     """How a lane is measured: the whole of it, or its last ``length`` metres."""
 
     kind: Literal["lane", "area"] = "lane"
-    length: float = Field(50.0, gt=0, allow_inf_nan=False)  # [m], for ``area``
+    length: float = Field(AREA_LENGTH, gt=0, allow_inf_nan=False)  # [m], for ``area``
+
+    @model_validator(mode="after")
+    def _measures_something(self) -> Self:
+        if self.kind != "area" and self.length != AREA_LENGTH:
+            raise ValueError("length goes with the kind area only (--sensor area)")
+        return self
 
 
 class DiffusionSettings(Settings):

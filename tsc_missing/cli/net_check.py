@@ -32,7 +32,11 @@ def check(
     from tsc_missing.evaluation.overview import find_network
 
     settings = make_settings(
-        net=net, demand=demand, seed=seed, horizon=horizon, sensor={"length": detector_length}
+        net=net,
+        demand=demand,
+        seed=seed,
+        horizon=horizon,
+        sensor={"kind": "area", "length": detector_length},
     )
     folder, scenario = find_network(settings)
     found = scenario.demand(settings) if scenario is not None else None

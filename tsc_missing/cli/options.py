@@ -38,7 +38,8 @@ def make_settings(**values: Any) -> RunSettings:
 def option_error(error: ValidationError, whole: str = "options") -> UserError:
     """The first thing that a model refused, with the option that set it.
 
-    What is wrong with several fields together goes by ``whole``, the name of one of them.
+    What is wrong with several fields together goes by ``whole``, the name of one of them, or by
+    the field of their group that the words name first.
     """
     first = error.errors(include_url=False)[0]
     names = [part for part in first["loc"] if isinstance(part, str)]
@@ -46,6 +47,11 @@ def option_error(error: ValidationError, whole: str = "options") -> UserError:
     value = first["input"]
     if not names and isinstance(value, dict):
         value = value.get(name, value)
+    if names and isinstance(value, dict):  # of a group: the option that the words name first
+        words = str(first["msg"])
+        named = [key for key in value if key in words]
+        name = min(named, key=words.index, default=name)
+        value = value.get(name, "it")
     option = OPTION_OF.get(name, name).replace("_", "-")
     return UserError(f"--{option}", value, _allowed(first))
 

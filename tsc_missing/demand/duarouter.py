@@ -1,6 +1,7 @@
 """SUMO demand of any kind (trips, flows, vehicles) as trips with routes, through ``duarouter``."""
 
 import dataclasses
+import math
 import re
 import subprocess
 import tempfile
@@ -157,6 +158,16 @@ def _seconds(element: ElementTree.Element) -> float:
         return 0.0
 
 
+def _ends(element: ElementTree.Element) -> float:
+    """When a flow ends, or the departure of a vehicle [s]; for ever where it does not say."""
+    if element.tag != "flow":
+        return _seconds(element)
+    try:
+        return float(element.get("end", "inf"))
+    except ValueError:
+        return math.inf
+
+
 def _duarouter(
     net: Path, given: Path, target: Path, begin: float, end: float, seed: int
 ) -> list[str]:
@@ -215,14 +226,14 @@ def _nothing(
 ) -> UserError:
     if unknown:
         return UserError(field, path, f"it must be for this net, but: {_words(unknown[0])}")
-    if problems:
+    first, last = min(map(_seconds, given.traffic)), max(map(_ends, given.traffic))
+    if problems and last >= begin:
         return UserError(field, path, f"none of it can be routed: {_words(problems[0])}")
-    first = min(map(_seconds, given.traffic))
     return UserError(
         field,
         path,
         f"no vehicle in it departs from {begin:g} s on within the horizon; the first departs at "
-        f"{first:g} s, see --begin",
+        f"{first:g} s, the last at {last:g} s, see --begin",
     )
 
 
