@@ -157,7 +157,7 @@ def _mark_intersections(
 def _legend(coverage: Coverage, n: int) -> list[tuple[Any, str]]:
     partly, blind = int(coverage.partly.sum()), int(coverage.blind.sum())
     dot: dict[str, Any] = {"ls": "", "mec": INK, "mew": 0.9, "ms": 10}
-    entries: list[tuple[Any, str]] = [(Patch(facecolor=ROAD), "road that leads out")]
+    entries: list[tuple[Any, str]] = [(Patch(facecolor=ROAD), "road that is not counted")]
     if n - partly - blind:
         entries.append((Line2D([], [], marker="o", mfc=WHITE, **dot), "always observed"))
     if partly:
