@@ -260,5 +260,5 @@ def _notes(
             f"{len(lost)} vehicles have no way through the net and are left out, as {lost[0]}"
         )
     if problems:
-        notes.append(f"duarouter complained {len(problems)} times, first: {_words(problems[0])}")
+        notes.append(f"duarouter complained in {len(problems)} lines, first: {_words(problems[0])}")
     return notes

@@ -103,5 +103,6 @@ def _recorded(name: str, path: Path, demand: str) -> Scenario:
             "demand", "profile", f"{name} has no profile, only the demand in its folder"
         )
     if folder.routes_file is None:
-        raise UserError("demand", demand, f"{path} holds a network without a demand")
+        words = "import it with --routes, --flow or --vehicles-per-hour"
+        raise UserError("demand", demand, f"{path} holds a network without a demand; {words}")
     return Scenario(name, folder, folder.manifest.demand or "recorded", folder.routes_file)
