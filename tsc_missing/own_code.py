@@ -16,6 +16,7 @@ from tsc_missing.errors import UserError, nearest
 SEPARATOR = ":"
 SUFFIX = ".py"
 FORM = "FILE.py:CLASS or MODULE:CLASS"
+INSTALLED = {"site-packages", "dist-packages"}  # where packages are, in an environment or a system
 
 T = TypeVar("T")
 
@@ -167,8 +168,7 @@ def _is_below(module: str, folder: Path) -> bool:
     if file is None or module.partition(".")[0] == __name__.partition(".")[0]:
         return False
     path = Path(file).resolve()
-    installed = path.is_relative_to(sys.prefix) or "site-packages" in path.parts
-    return path.is_relative_to(folder) and not installed
+    return path.is_relative_to(folder) and not INSTALLED & {*path.parts}
 
 
 def _find_in(folder: Path) -> None:

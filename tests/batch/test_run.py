@@ -9,6 +9,7 @@ from tsc_missing.batch import run as running
 from tsc_missing.batch.folder import FAILURES, PLAN, RUNS, Failure, finished_runs
 from tsc_missing.batch.run import Means, prepare_batch, run_batch
 from tsc_missing.batch.suite import read_suite
+from tsc_missing.batch.task import Task, run_task
 from tsc_missing.batch.worker import Outcome
 from tsc_missing.errors import UserError
 
@@ -90,3 +91,24 @@ def test_a_run_whose_process_ended_just_after_it_is_there(prepare):
     assert not running._keep(batch.out, lost)
     said = json.loads((batch.out / FAILURES / "nowhere.json").read_text())
     assert "the folder is not there" in said["error"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (OSError(28, "No space left on device"), "cannot be written (No space left on device)"),
+        (ConnectionResetError("the peer has gone"), "ConnectionResetError: the peer has gone"),
+    ],
+    ids=["full", "reset"],
+)
+def test_faults_that_pass_are_worth_another_attempt(prepare, tmp_path, monkeypatch, fault, words):
+    def broken(*_):
+        raise fault
+
+    monkeypatch.setattr("tsc_missing.evaluation.run._execute", broken)
+    (run, _) = prepare().suite.runs
+    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path)
+    failure = run_task(task)
+    assert failure.kind == "error"
+    assert words in failure.error
+    assert not task.folder.exists()
