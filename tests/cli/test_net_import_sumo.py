@@ -200,6 +200,7 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     routes = write_routes(
         crossing / "mixed.rou.xml",
         '<route id="r" edges="in_0 nowhere"/>',
+        '<route edges="nowhere"/>',
         '<trip id="good" depart="0" from="in_0" to="out_2"/>',
         '<trip id="a" depart="1" from="in_0" to="nowhere"/>',
         '<flow id="b" begin="1" end="90" number="9" from="where" to="out_2"/>',
@@ -211,7 +212,7 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     done = command("net", "import", *arguments)
     assert done.returncode == 0, done.stderr
     assert " 1 vehicles" in done.stdout
-    assert "5 vehicles, trips or flows name roads that the net has not" in done.stdout
+    assert "5 vehicles, trips or flows name roads that the net lacks" in done.stdout
 
 
 def test_bad_extracts(command, tmp_path):

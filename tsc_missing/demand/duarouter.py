@@ -58,7 +58,7 @@ def route_demand(
         kept = {e.get("id", "") for _, e in ElementTree.iterparse(routed) if e.tag == "vehicle"}
     notes = _notes(given, kept, problems, begin, begin + horizon)
     if strangers:
-        lost = f"{len(strangers)} vehicles, trips or flows name roads that the net has not"
+        lost = f"{len(strangers)} vehicles, trips or flows name roads that the net lacks"
         notes.insert(0, f"{lost} and are left out, first {strangers[0]}")
     return Found(demand, tuple(notes))
 
@@ -100,13 +100,14 @@ class Given:
         Returns the first such road of each.
         """
         strange = {
-            element.get("id", ""): road
+            element.get("id"): road
             for element in self.elements
             if element.tag == "route" and (road := _stranger(element, roads))
         }
+        strange.pop(None, None)  # nobody can drive a route without a name
         found, kept = [], []
         for element in self.elements:
-            road = strange.get(element.get("route", "")) or _stranger(element, roads)
+            road = strange.get(element.get("route")) or _stranger(element, roads)
             if element.tag in TRAFFIC and road:
                 found.append(road)
             elif not (element.tag == "route" and road):
