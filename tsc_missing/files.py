@@ -54,9 +54,9 @@ def sha256(path: Path) -> str:
 
 
 def check_writable(folder: Path, field: str) -> None:
-    """Raise ``UserError`` unless a new folder can be made at ``folder``; leaves nothing behind."""
-    if folder.exists():
-        raise UserError(field, folder, "it must name a folder that does not exist yet")
+    """Raise ``UserError`` unless there can be a folder, which is new or empty; makes none."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise UserError(field, folder, "it must name a folder that does not exist yet, or is empty")
     parent = next(p for p in folder.absolute().parents if p.exists())
     if not parent.is_dir():
         raise UserError(field, folder, f"{parent} is a file, not a folder")
@@ -123,7 +123,6 @@ def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Pa
 
 def check_new_training(folder: Path) -> None:
     """Raise ``UserError`` unless a training can begin in the folder: a new one or an empty one."""
-    if not folder.is_dir():
-        check_writable(folder, "out")
-    elif any(folder.iterdir()):
+    if folder.is_dir() and any(folder.iterdir()):
         raise UserError("out", folder, "it is there already; --resume goes on with it")
+    check_writable(folder, "out")

@@ -12,11 +12,11 @@ from tests.cli.refusals import refused
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--net", "jinann"], ["jinann", "did you mean jinan"]),
+        (["--net", "jinann"], ["--net: jinann", "did you mean jinan"]),
         (["--net", "no/such/folder"], ["no/such/folder"]),
-        (["--controller", "max-queu"], ["max-queu", "did you mean max-queue?"]),
-        (["--imputer", "sfn"], ["sfn", "did you mean sfm?"]),
-        (["--blind", "fixed"], ["fixed", "fixed-time"]),
+        (["--controller", "max-queu"], ["--controller: max-queu", "did you mean max-queue?"]),
+        (["--imputer", "sfn"], ["--imputer: sfn", "did you mean sfm?"]),
+        (["--blind", "fixed"], ["--blind: fixed", "fixed-time"]),
         (["--missing", "krigin", "--rate", "0.1"], ["krigin", "did you mean kriging?"]),
         (["--missing", "random", "--rate", "1.5"], ["--rate", "1.5", "less than or equal to 1"]),
         (["--missing", "random", "--rate", "-0.1"], ["--rate", "-0.1"]),
@@ -24,13 +24,13 @@ from tests.cli.refusals import refused
         (["--missing", "random", "--rate", "many"], ["rate", "many"]),
         (["--missing", "random"], ["--rate", "random"]),
         (["--rate", "0.5"], ["--rate", "--missing"]),
-        (["--missing", "kriging", "--rate", "0.9"], ["0.9", "at most", "adjacent"]),
-        (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["0.95", "2"]),
+        (["--missing", "kriging", "--rate", "0.9"], ["--rate: 0.9", "at most", "adjacent"]),
+        (["--missing", "burst", "--rate", "0.95", "--mean-outage", "2"], ["--rate: 0.95", "2"]),
         (
             ["--missing", "random", "--rate", "0.2", "--mean-outage", "9"],
             ["--mean-outage: 9", "burst"],
         ),
-        (["--mask", "none.npz"], ["mask", "none.npz"]),
+        (["--mask", "none.npz"], ["--mask: none.npz"]),
         (["--mask", "m.npz", "--missing", "random", "--rate", "0"], ["--rate: 0", "--mask"]),
         (["--mask", "m.npz", "--mask-seed", "1"], ["--mask-seed: 1", "--mask"]),
         (["--mask", "m.npz", "--missing", "random"], ["--missing: random", "--mask"]),
@@ -56,9 +56,10 @@ def test_tsc_run(command, arguments, words):
 
 def test_output_folders_that_cannot_be_written(command, small_net):
     (command.cwd / "there").mkdir()
+    (command.cwd / "there" / "something").write_text("")
     (command.cwd / "file").write_text("")
     for out in ("there", "file", "file/below"):
-        refused(command, "run", "--net", small_net, "--out", out, words=["out", out])
+        refused(command, "run", "--net", small_net, "--out", out, words=[f"--out: {out}"])
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")

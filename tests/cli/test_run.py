@@ -39,6 +39,30 @@ def test_a_run_ends_with_a_table_and_a_whole_folder(command, small_net):
     assert {file.name for file in folder.iterdir()} == RUN_FILES
 
 
+def test_runs_of_one_name_at_the_same_time_keep_their_own_folders(command, small_net):
+    options = ("--net", small_net, "--controller", "max-queue", "--horizon", 60)
+    started = [command.start("run", *options, "--min-green", green) for green in (5, 10)]
+    for process in started:
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
+    names = ["small-none-max-queue-seed0", "small-none-max-queue-seed0-2"]
+    found = [json.loads((command.cwd / "runs" / k / "run.json").read_text()) for k in names]
+    assert {run["settings"]["signals"]["min_green"] for run in found} == {5, 10}
+    assert sorted(p.name for p in (command.cwd / "runs").iterdir()) == names
+
+
+def test_a_run_that_is_stopped_leaves_no_folder(command, small_net):
+    process = command.start("run", "--net", small_net, "--controller", "max-queue")
+    for _ in range(600):
+        if list(command.cwd.rglob("small-none*")):
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert not list(command.cwd.iterdir())
+
+
 def test_json_is_the_only_output_and_is_what_run_json_says(command, small_net):
     out = run_json(command, "--net", small_net, "--horizon", 300, "--out", "here")
     written = json.loads((command.cwd / "here" / "run.json").read_text())

@@ -74,7 +74,7 @@ def _status(call: Callable[[], object], kept: str) -> int:
         result = call()
         print(end="", flush=True)
     except UserError as error:
-        _say(str(error))
+        _say(_by_its_option(error))
         return MISTAKE
     except typer.TyperException as error:
         _say(_in_words(error))
@@ -90,6 +90,13 @@ def _status(call: Callable[[], object], kept: str) -> int:
     if result == INTERRUPTED:
         _say(f"interrupted; {kept}")
     return result if isinstance(result, int) else DONE
+
+
+def _by_its_option(error: UserError) -> str:
+    """The error's words; a field that an option of the command line set goes by the option."""
+    option, words = f"--{error.field.replace('_', '-')}", str(error)
+    is_given = any(word.partition("=")[0] == option for word in sys.argv)
+    return option + words.removeprefix(error.field) if is_given else words
 
 
 def _in_words(error: typer.TyperException) -> str:

@@ -1,8 +1,10 @@
 """``tsc-run``: one closed-loop run."""
 
+import contextlib
 import itertools
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,7 @@ from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
 from tsc_missing.own_code import class_name
+from tsc_missing.simulation.engine import EngineName
 
 app = make_app("Run one simulation in closed loop, with sensors missing, and account for it.")
 
@@ -184,11 +187,11 @@ def run(
         mask_seed=mask_seed,
         horizon=horizon,
     )
-    folder = out if out is not None else _free_folder(settings)
-    check_writable(folder, "out")
-    options = Options(folder, decisions, "gui" if gui else "libsumo")
-    prepared = prepare(settings, options)
-    result = _watched(prepared, quiet=as_json)
+    engine: EngineName = "gui" if gui else "libsumo"
+    with _own_folder(settings) if out is None else contextlib.nullcontext(out) as folder:
+        check_writable(folder, "out")
+        prepared = prepare(settings, Options(folder, decisions, engine))
+        result = _watched(prepared, quiet=as_json)
     if as_json:
         json.dump({**describe(prepared, result), "out": str(folder)}, sys.stdout)
         sys.stdout.write("\n")
@@ -196,7 +199,39 @@ def run(
         _print_result(prepared, result, folder)
 
 
-def _free_folder(settings: RunSettings) -> Path:
+@contextlib.contextmanager
+def _own_folder(settings: RunSettings) -> Iterator[Path]:
+    """An empty folder that no other run has or takes, named after this; it goes if it stays empty.
+
+    Raises ``UserError`` where none can be made.
+    """
+    runs, name = Path("runs"), _name(settings)
+    is_new = not runs.exists()
+    names = itertools.chain([name], (f"{name}-{k}" for k in itertools.count(2)))
+    folder = next(path for path in (runs / name for name in names) if _taken(path))
+    try:
+        yield folder
+    except BaseException:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+            if is_new:
+                runs.rmdir()
+        raise
+
+
+def _taken(folder: Path) -> bool:
+    """Make a folder, unless it is there."""
+    if folder.exists():
+        return False
+    check_writable(folder, "out")
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:  # another run was faster
+        return False
+    return True
+
+
+def _name(settings: RunSettings) -> str:
     missing = settings.missing
     rate = [f"{missing.rate:g}"] if missing.pattern != "none" else []
     what = [
@@ -205,9 +240,7 @@ def _free_folder(settings: RunSettings) -> Path:
         class_name(settings.controller),
         f"seed{settings.seed}",
     ]
-    base = "-".join(what)
-    names = itertools.chain([base], (f"{base}-{k}" for k in itertools.count(2)))
-    return next(path for path in (Path("runs", name) for name in names) if not path.exists())
+    return "-".join(what)
 
 
 def _watched(prepared: Prepared, quiet: bool) -> Result:
