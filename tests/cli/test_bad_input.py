@@ -18,6 +18,7 @@ from tests.cli.refusals import refused
         (["--imputer", "sfn"], ["--imputer: sfn", "did you mean sfm?"]),
         (["--blind", "fixed"], ["--blind: fixed", "fixed-time"]),
         (["--missing", "krigin", "--rate", "0.1"], ["krigin", "did you mean kriging?"]),
+        (["--missing", "fil", "--rate", "0.1"], ["allowed: burst, kriging, lane, mixed, none,"]),
         (["--missing", "random", "--rate", "1.5"], ["--rate", "1.5", "less than or equal to 1"]),
         (["--missing", "random", "--rate", "-0.1"], ["--rate", "-0.1"]),
         (["--missing", "random", "--rate", "nan"], ["--rate", "nan"]),

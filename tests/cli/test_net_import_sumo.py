@@ -55,7 +55,7 @@ def crossing(tmp_path_factory) -> Path:
 def imported(crossing, command):
     done = command("net", "import", "--sumo-net", crossing / "all.sumocfg", "--out", "net")
     assert done.returncode == 0, done.stderr
-    assert "net: 1 intersections, 32 vehicles" in done.stdout
+    assert "net: 1 intersection, 32 vehicles" in done.stdout
     assert "note: 1 person elements are left out" in done.stdout
     assert "note: 1 stops" in done.stdout
     return command.cwd / "net"
@@ -211,7 +211,7 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     arguments = ("--sumo-net", crossing / "star.net.xml", "--routes", routes, "--out", "x")
     done = command("net", "import", *arguments)
     assert done.returncode == 0, done.stderr
-    assert " 1 vehicles" in done.stdout
+    assert ", 1 vehicle\n" in done.stdout
     assert "5 vehicles, trips or flows name roads that the net lacks" in done.stdout
 
 

@@ -51,18 +51,6 @@ def test_runs_of_one_name_at_the_same_time_keep_their_own_folders(command, small
     assert sorted(p.name for p in (command.cwd / "runs").iterdir()) == names
 
 
-def test_a_run_that_is_stopped_leaves_no_folder(command, small_net):
-    process = command.start("run", "--net", small_net, "--controller", "max-queue")
-    for _ in range(600):
-        if list(command.cwd.rglob("small-none*")):
-            break
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
-    assert not list(command.cwd.iterdir())
-
-
 def test_json_is_the_only_output_and_is_what_run_json_says(command, small_net):
     out = run_json(command, "--net", small_net, "--horizon", 300, "--out", "here")
     written = json.loads((command.cwd / "here" / "run.json").read_text())
@@ -234,3 +222,24 @@ def test_programs_of_sumo_say_that_nothing_is_missing_for_them(command, small_ne
     assert done.returncode == 0, done.stderr
     assert "warning: SUMO runs actuated itself, and it sees everything" in done.stdout
     assert "warning" not in command("run", *words).stdout
+
+
+def test_actuated_signals_without_a_minimum_green(command, small_net):
+    words = ("--net", small_net, "--horizon", 300, "--controller", "actuated")
+    assert run_json(command, *words, "--min-green", 0)["result"]["finished"] > 0
+
+
+def test_an_imputer_that_nobody_asks_is_said(command, small_net):
+    words = ("--net", small_net, "--horizon", 60, "--missing", "random", "--rate", 0.5)
+    done = command("run", *words, "--controller", "fixed-time", "--imputer", "last")
+    assert done.returncode == 0, done.stderr
+    assert "warning: fixed-time asks no imputer, so --imputer last did" in done.stdout
+
+
+def test_a_scratch_folder_that_sumo_cannot_name(command, small_net, tmp_path):
+    scratch = tmp_path / "a,b"
+    scratch.mkdir()
+    process = command.start("run", "--net", small_net, TMPDIR=str(scratch))
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert re.fullmatch(r"error: path: [^\n]*a,b[^\n]*comma[^\n]*\n", errors)

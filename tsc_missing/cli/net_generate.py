@@ -107,9 +107,10 @@ def _grid(**values: Any) -> GridSpec:
 
 def _shares(text: str) -> tuple[float, ...]:
     try:
-        return tuple(float(part) for part in text.split(","))
+        left, straight, right = map(float, text.split(","))
     except ValueError:
         raise UserError("--turns", text, "three numbers: left,straight,right") from None
+    return left, straight, right
 
 
 def _command(context: typer.Context) -> str:

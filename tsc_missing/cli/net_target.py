@@ -30,11 +30,10 @@ def find_target(as_name: str | None, out: Path | None) -> tuple[Path, str, str]:
 
 def say_written(manifest: Manifest, target: Path) -> None:
     """Print what was written where, and what a user should know of it."""
-    vehicles = f", {manifest.vehicles} vehicles" if manifest.vehicles is not None else ""
+    vehicles = f", {_count(manifest.vehicles, 'vehicle')}" if manifest.vehicles is not None else ""
+    intersections = _count(manifest.intersections, "intersection")
     console = Console(highlight=False, soft_wrap=True)
-    console.print(
-        f"{manifest.name}: {manifest.intersections} intersections{vehicles}", markup=False
-    )
+    console.print(f"{manifest.name}: {intersections}{vehicles}", markup=False)
     for note in manifest.notes or ():
         console.print(note if note.startswith("warning: ") else f"note: {note}", markup=False)
     horizon = manifest.horizon
@@ -43,3 +42,7 @@ def say_written(manifest: Manifest, target: Path) -> None:
             f"its demand lasts {horizon:g} s: tsc-run --horizon {horizon:g}", markup=False
         )
     console.print(f"written to {target}", markup=False)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

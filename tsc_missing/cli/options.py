@@ -60,7 +60,8 @@ def _allowed(problem: Any) -> str:
     """Words for what is allowed, with the nearest name where a name was wanted."""
     if problem["type"] == "literal_error":
         names = str(problem["ctx"]["expected"]).replace(" or ", ", ").replace("'", "").split(", ")
-        return nearest(str(problem["input"]), names)
+        wanted = set(names) - {"file"}  # a pattern that --mask names
+        return nearest(str(problem["input"]), wanted)
     return str(problem["msg"]).removeprefix("Value error, ")
 
 

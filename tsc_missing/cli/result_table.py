@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.catalogue import NATIVE
+from tsc_missing.controllers.catalogue import NATIVE, needs_values
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.evaluation.metrics import Result
@@ -25,8 +25,8 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    told = (_native(prepared), _fallback(prepared), _observed_in_the_log(prepared))
-    for warning in [*warnings(result), *chain(*told)]:
+    more = (_native, _unused_imputer, _fallback, _observed_in_the_log)
+    for warning in [*warnings(result), *chain(*(tell(prepared) for tell in more))]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
 
@@ -38,6 +38,13 @@ def _native(prepared: Prepared) -> list[str]:
     return [
         f"SUMO runs {settings.controller} itself, and it sees everything: nothing is missing for it"
     ]
+
+
+def _unused_imputer(prepared: Prepared) -> list[str]:
+    settings = prepared.settings
+    if settings.imputer == RunSettings().imputer or needs_values(settings.controller):
+        return []
+    return [f"{settings.controller} asks no imputer, so --imputer {settings.imputer} did nothing"]
 
 
 def _fallback(prepared: Prepared) -> list[str]:

@@ -1,5 +1,6 @@
 """Grids with demand from a few numbers, as network folders."""
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -67,6 +68,9 @@ def generate_network(recipe: Recipe, target: Path, name: str, field: str) -> Man
     demand = generate_on_grid(
         plain_turns(plain), entries, recipe.demand, recipe.horizon, recipe.seed
     )
+    if not demand.trips:
+        hourly = f"{recipe.demand.vehicles_per_hour:g}"
+        raise UserError("vehicles-per-hour", hourly, "so few that none enters in the horizon")
     with whole_folder(target, field) as folder:
         write_net(plain, folder / NET)
         source = open_net(folder / NET)
@@ -108,7 +112,10 @@ def read_lanes(text: str, field: str) -> tuple[tuple[str, ...], ...]:
     lanes = text.split(",")
     if len(lanes) > 8 or not all(lane and set(lane) <= set(LETTERS) for lane in lanes):
         raise UserError(field, text, "the number of lanes, 1 to 8, or each lane's turns, as l,s,sr")
-    return tuple(tuple(LETTERS[letter] for letter in dict.fromkeys(lane)) for lane in lanes)
+    turns = [sorted({TURNS.index(LETTERS[letter]) for letter in lane}) for lane in lanes]
+    if any(first[-1] > second[0] for first, second in itertools.pairwise(turns)):
+        raise UserError(field, text, "turns would cross: lanes go from left to right, as l,s,sr")
+    return tuple(tuple(TURNS[turn] for turn in lane) for lane in turns)
 
 
 def read_removed(

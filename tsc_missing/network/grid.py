@@ -30,7 +30,8 @@ PHASES = (
     ("NL_SL", (SOUTH, NORTH), LEFT),
 )  # each with the headings of the approaching traffic and its turn
 
-Metres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Metres = Annotated[float, Field(gt=0, le=20_000, allow_inf_nan=False)]
+Speed = Annotated[float, Field(ge=1, le=70, allow_inf_nan=False)]  # [m/s]
 Turn = Literal["left", "straight", "right"]
 Cell = tuple[int, int]  # column, row
 
@@ -48,10 +49,10 @@ class GridSpec(BaseModel):
         (("left",), ("straight",), ("right",)), min_length=1
     )  # the turns made from each lane, from the middle of the road outward
     lane_width: Metres = 4.0  # [m]
-    speed: Metres = 11.111  # [m/s]
+    speed: Speed = 11.111  # [m/s]
     stop_distance: Metres = 15.0  # [m] from an intersection's centre to its stop lines
     side_lanes: tuple[tuple[Turn, ...], ...] | None = None  # of north-south roads, if they differ
-    side_speed: Metres | None = None  # [m/s] on north-south roads, if it differs
+    side_speed: Speed | None = None  # [m/s] on north-south roads, if it differs
     removed: tuple[tuple[Cell, Cell], ...] = ()  # pairs of neighbours without a road between them
 
     def lanes_along(self, heading: int) -> tuple[tuple[Turn, ...], ...]:

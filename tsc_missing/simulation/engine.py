@@ -57,6 +57,9 @@ class Simulation:
         seed: int = 0,
     ) -> None:
         """``outputs`` are further SUMO options, as ``--tripinfo-output=FILE``."""
+        for path in (inputs.routes, *inputs.additional):
+            if "," in str(path):  # between the files of a list
+                raise UserError("path", path, "SUMO reads no list of files with a comma in it")
         self._inputs = inputs
         self._engine: EngineName = engine
         self._log = inputs.routes.with_name("sumo-errors.log")

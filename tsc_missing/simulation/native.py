@@ -26,7 +26,7 @@ def native_program_xml(network: Network, kind: str, signals: SignalSettings) -> 
 def _logic(node: IntersectionRecord, kind: str, signals: SignalSettings) -> str:
     lines = [f'<tlLogic id={quoteattr(node.id)} type="{kind}" programID="{PROGRAM_ID}" offset="0">']
     greens = [green_state(node, phase) for phase in range(len(node.phases))]
-    least = signals.min_green_at(node)
+    least = max(signals.min_green_at(node), 1)  # SUMO has no phase of 0 s
     longest = max(MAX_GREEN, least)
     for before, after in zip(greens, [*greens[1:], greens[0]], strict=True):
         lines.append(
