@@ -54,6 +54,14 @@ def test_the_picture_says_what_the_list_loses(command, small_net, listed):
     assert sensors["source"] == "outages of centre.csv"
     assert len(sensors["never_observed"]) == 1
     assert sensors["partly_observed"] == 1
+    assert shown(command, small_net, listed, "--horizon", 60)["partly_observed"] == 0
+    assert shown(command, small_net, listed, "--decision-interval", 150)["partly_observed"] == 0
+
+
+def shown(command, *arguments):
+    done = command("net", "show", arguments[0], "--mask", *arguments[1:], "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["sensors"]
 
 
 def test_lists_are_an_axis_of_a_suite(command, small_net, listed):
@@ -87,7 +95,8 @@ def test_which_sensors_are_missed_most(command, small_net):
     assert done.returncode == 0, done.stderr
     assert "6 lists of outages; the suite has 7 runs" in done.stdout
     assert "horizon = 600\n" in (command.cwd / "s" / "suite.toml").read_text()  # of its demand
-    batch = ("s/suite.toml", "--out", "s/runs", "--set", f"horizon={HORIZON}", "--workers", 1)
+    (command.cwd / "s").rename(command.cwd / "moved")
+    batch = ("moved/suite.toml", "--out", "s/runs", "--set", f"horizon={HORIZON}", "--workers", 1)
     done = command("batch", *batch)
     assert done.returncode == 0, done.stderr
     runs = command.cwd / "s" / "runs"

@@ -23,17 +23,15 @@ def write_outage_suite(
     """Write a list of outages for each intersection, and the suite that runs them; their names.
 
     With ``approaches`` for each approach of each intersection. ``block`` has the keys of the
-    suite's runs beside what is missing: method, net, seed and whatever else. The lists are named
-    in the suite as they are seen from the current folder. Raises ``UserError`` unless ``out`` can
-    be made.
+    suite's runs beside what is missing: method, net, seed and whatever else. Raises ``UserError``
+    unless ``out`` can be made.
     """
     lists = dict(_outages(network, approaches))
     with whole_folder(out, FIELD) as folder:
         for name, row in lists.items():
             with (folder / name).open("w", encoding="utf-8", newline="") as stream:
                 csv.writer(stream, lineterminator="\n").writerows([COLUMNS[:2], row])
-        files = [str(out / name) for name in lists]
-        text = _suite(network.name, block, files)
+        text = _suite(network.name, block, tuple(lists))
         (folder / SUITE).write_text(text, encoding="utf-8")
     return tuple(lists)
 

@@ -21,6 +21,7 @@ from tsc_missing.network.folder import canonical
 from tsc_missing.paths import bundled
 
 FIELD = "suite"
+FILE = ("missing", "file")  # looked for beside the suite, and then in the current folder
 TOP = ("title", "about", "paper", "methods", "runs")
 ABOUT_METHODS = ("paper", "train", "trained")
 METHOD_GROUPS = (
@@ -186,6 +187,9 @@ class _Reader:
                 if part in settings:
                     self._wrong(f"{where}.{dotted(part)}", f"the method {method} sets it too")
                 settings[part] = single
+        file = settings.get(FILE)
+        if isinstance(file, str) and (beside := self._path.parent / file).is_file():
+            settings[FILE] = str(beside)
         try:
             run = RunSettings.model_validate(nested(settings))
             if isinstance(about.get("train"), str):

@@ -28,7 +28,10 @@ def import_network(
     ] = None,
     routes: Annotated[
         list[Path] | None,
-        typer.Option(help="SUMO demand (.rou.xml: trips, flows, vehicles); may be repeated."),
+        typer.Option(
+            help="SUMO demand (.rou.xml: trips, flows, vehicles), beside a .sumocfg's; may be "
+            "repeated."
+        ),
     ] = None,
     signals: Annotated[
         list[str] | None,

@@ -42,6 +42,10 @@ def show(
         Path | None, typer.Option(help="Show the missing sensors of this run folder.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of demand and mask.")] = DEFAULT.seed,
+    horizon: Annotated[int, typer.Option(help="Seconds that are looked at.")] = DEFAULT.horizon,
+    decision_interval: Annotated[
+        int, typer.Option(help="Seconds between decisions.")
+    ] = DEFAULT.signals.decision_interval,
     out: Annotated[
         Path | None,
         typer.Option(help="The picture to write (.png, .svg, .pdf); else NAME.png."),
@@ -68,6 +72,8 @@ def show(
             "mean_outage": mean_outage,
         },
         seed=seed,
+        horizon=horizon,
+        signals={"decision_interval": decision_interval},
     )
     if out is not None:
         check_picture_path(out, "--out")
