@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.cli.test_bad_input import refused
@@ -95,6 +96,18 @@ def test_conventional_controllers_and_the_program_as_built(imported, command):
         assert result["finished"] >= 25
         assert result["teleports"] == result["collisions"] == result["fallbacks"] == 0
         assert result["never_inserted"] == 0
+
+
+def test_vehicles_keep_their_ids_and_types(imported, command):
+    found = run(command, imported, "--controller", "fixed-time")
+    table = pq.read_table(command.cwd / found["out"] / "trips.parquet").to_pydict()
+    own = {f"t{k}" for k in range(20)} | {f"f.{k}" for k in range(10)} | {"v", "bus"}
+    assert set(table["id"]) == own
+    assert table["vehicle"] == list(range(32))
+    of = {name: row for row, name in enumerate(table["id"])}
+    assert table["type"][of["v"]] == "truck"
+    assert table["type"][of["t3"]] == table["type"][of["f.1"]] == "car.recorded"
+    assert (table["origin"][of["t3"]], table["scheduled"][of["t3"]]) == ("in_3", 6)
 
 
 def test_as_built_is_what_sumo_itself_does(imported, command, crossing):

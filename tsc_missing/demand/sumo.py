@@ -13,8 +13,8 @@ OURS = {"id", "depart", "route", "arrival"}  # attributes of a vehicle that are 
 def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
     """The vehicles of a SUMO route file that depart within ``horizon`` [s] after ``begin`` [s].
 
-    Trips count from the begin. A vehicle keeps its further attributes if its type is not the
-    project's own car.
+    Trips count from the begin. A vehicle keeps its id as the trip's name, and its further
+    attributes if its type is not the project's own car.
     """
     routes: dict[str, tuple[str, ...]] = {}
     types: dict[str, str] = {}
@@ -33,13 +33,13 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
                     if element.get("type") != VEHICLE_TYPE_ID:
                         how = tuple((k, v) for k, v in element.items() if k not in OURS)
                         how = known.setdefault(how, how)
-                    trips.append(Trip(depart, _route(element, routes), how))
+                    trips.append(Trip(depart, _route(element, routes), how, element.get("id")))
                 element.clear()
     except (ElementTree.ParseError, ValueError, KeyError) as error:
         raise UserError(FIELD, path, f"not a route file that can be read ({error})") from None
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
-    used = {dict(trip.attributes).get("type", "") for trip in trips if trip.attributes is not None}
+    used = {trip.type for trip in trips if trip.attributes is not None}
     return Demand.of(trips, (text for name, text in types.items() if name in used))
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -22,12 +22,19 @@ Attributes = tuple[tuple[str, str], ...]
 class Trip:
     """One vehicle: its scheduled departure [s] after the begin and the roads of its route.
 
-    ``attributes`` are SUMO's further ones (type, departLane, …); None: the run's own car.
+    ``attributes`` are SUMO's further ones (type, departLane, …); None: the run's own car. ``name``
+    is what the source calls it, if it does.
     """
 
     depart: float
     route: tuple[str, ...]
     attributes: Attributes | None = None
+    name: str | None = field(default=None, compare=False)
+
+    @property
+    def type(self) -> str:
+        """The id of its vehicle type; empty where the source says none."""
+        return VEHICLE_TYPE_ID if self.attributes is None else dict(self.attributes).get("type", "")
 
 
 @dataclass(frozen=True)
@@ -82,24 +89,27 @@ def turning_flows(
     return counts.reshape(network.n, N_SLOTS) * 3600.0 / horizon
 
 
-def write_routes(demand: Demand, vehicle: VehicleType, target: Path, begin: float = 0.0) -> None:
+def write_routes(
+    demand: Demand, vehicle: VehicleType, target: Path, begin: float = 0.0, named: bool = False
+) -> None:
     """Write a SUMO route file: the vehicle types, each distinct route once, a vehicle a trip.
 
-    Vehicles are named by their position in the demand, so that trip k is vehicle ``"k"``.
-    ``vehicle`` is the car of the trips without attributes; departures are written after ``begin``
-    [s].
+    Vehicles are named by their position in the demand, so that trip k is vehicle ``"k"``, or with
+    ``named`` as their source calls them, if it does so with all. ``vehicle`` is the car of the
+    trips without attributes; departures are written after ``begin`` [s].
     """
     routes: dict[tuple[str, ...], int] = {}
     vehicles = []
     written: dict[Attributes | None, tuple[str, str]] = {None: _written(_as_attributes(vehicle))}
+    own_names = named and len({trip.name for trip in demand.trips}) == len(demand.trips)
     for number, trip in enumerate(demand.trips):
+        name = quoteattr(trip.name) if own_names and trip.name else f'"{number}"'
         route = routes.setdefault(trip.route, len(routes))
         if trip.attributes not in written:
             written[trip.attributes] = _written(trip.attributes or ())
         kind, how = written[trip.attributes]
         vehicles.append(
-            f'<vehicle id="{number}"{kind} route="r{route}" '
-            f'depart="{begin + trip.depart:.2f}"{how}/>'
+            f'<vehicle id={name}{kind} route="r{route}" depart="{begin + trip.depart:.2f}"{how}/>'
         )
     ours = any(trip.attributes is None for trip in demand.trips)
     car = [vehicle.as_xml(VEHICLE_TYPE_ID)] if ours else []

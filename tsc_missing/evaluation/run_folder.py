@@ -38,11 +38,16 @@ def write_mask(folder: Path, scene: Scene) -> None:
 
 
 def write_trips(folder: Path, scene: Scene, trips: TripTimes, horizon: float) -> None:
-    """Write a row a vehicle, in the order of the demand; times in s, null where not reached."""
+    """Write a row a vehicle, in the order of the demand; times in s, null where not reached.
+
+    ``id`` is what the demand's source calls it, or else its number.
+    """
     status = np.where(trips.finished, 2, np.where(trips.inserted, 1, 0)).astype(np.int8)
     table = columns.table(
         {
             "vehicle": columns.numbers(np.arange(len(trips.scheduled), dtype=np.int32)),
+            "id": columns.texts([trip.name or str(k) for k, trip in enumerate(scene.demand.trips)]),
+            "type": columns.names(trip.type for trip in scene.demand.trips),
             "origin": columns.names(trip.route[0] for trip in scene.demand.trips),
             "destination": columns.names(trip.route[-1] for trip in scene.demand.trips),
             "status": columns.coded(status, STATUS),

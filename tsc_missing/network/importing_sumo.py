@@ -83,7 +83,7 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
             write_record(record, folder / RECORD)
             write_programs(additional, folder / SIGNALS)
             if found is not None:
-                write_routes(found.demand, VehicleType(), folder / ROUTES, begin)
+                write_routes(found.demand, VehicleType(), folder / ROUTES, begin, named=True)
             sources = [wanted.source, *files.all, *wanted.routes]
             if wanted.kind == "osm":
                 sources.remove(files.net)
