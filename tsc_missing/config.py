@@ -19,7 +19,7 @@ SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of
 class Settings(BaseModel):
     """A frozen group of settings that refuses unknown names."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class VehicleType(Settings):

@@ -26,7 +26,8 @@ from tsc_missing.controllers.registry import make_controller
 from tsc_missing.errors import UserError
 from tsc_missing.training import checkpoint
 from tsc_missing.training.config import read_training
-from tsc_missing.training.steps import DivergedError, StoppedError
+from tsc_missing.training.diverged import DivergedError
+from tsc_missing.training.steps import StoppedError
 from tsc_missing.weights.file import read_tensors
 
 every_baseline = pytest.mark.parametrize("name", SETTINGS)

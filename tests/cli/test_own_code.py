@@ -87,7 +87,11 @@ def test_the_examples_keep_the_rules(command, mine, small_net, name, what):
 def test_one_that_does_not_is_told_why(command, mine, small_net):
     for name, words in (
         ("bad.py:Raises", "at step 0 the controller raised ValueError('no idea')"),
-        ("bad.py:Halves", "at step 0 fill must leave the reported values as they are"),
+        (
+            "bad.py:Halves",
+            "at step 0 the imputer raised "
+            "ValueError('fill must leave the reported values as they are')",
+        ),
     ):
         done = command("check", name, "--net", small_net)
         assert (done.returncode, done.stdout) == (1, "")

@@ -16,6 +16,7 @@ from tsc_missing.lookahead.regression import Regression, centred
 from tsc_missing.lookahead.training import LookaheadTraining
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
+from tsc_missing.training.diverged import DivergedError
 from tsc_missing.weights.file import read_tensors
 
 from tests.controllers.planning import save_broken, save_tiny  # isort: skip
@@ -105,8 +106,42 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
     save_broken(tmp_path / "fill.safetensors")
     with pytest.raises(UserError, match=r"resume: .*broken .*fill has changed"):
         LookaheadTraining(plan, tmp_path / "broken", resume=True)
+    broken = with_holes(small_net, tmp_path, base=str(whole))
+    with pytest.raises(DivergedError, match="weights are not finite"):
+        LookaheadTraining(broken, tmp_path / "diverged").run(1)
+    assert not (tmp_path / "diverged" / "weights.safetensors").exists()
+    save_tiny(tmp_path / "fill.safetensors")
     again = with_holes(small_net, tmp_path, base=str(whole))
     assert LookaheadTraining(again, tmp_path / "next").run(1).is_file()
+
+
+@pytest.mark.parametrize(
+    ("about", "words"),
+    [
+        ({"reward": "departures"}, "base: .* reward is departures"),
+        ({"reward_scale": 20.0}, "reward_scale: 40.0 .* trained with 20.0"),
+        ({"running_weight": 0.0}, "running_weight: 1.0 .* trained with 0.0"),
+    ],
+    ids=str,
+)
+def test_the_base_has_values_of_the_same_rewards(small_net, tmp_path, about, words):
+    save_q_network(PhaseValue(8), "value", 8, tmp_path / "b.safetensors", {"training": about})
+    with pytest.raises(UserError, match=words):
+        plan = settings(small_net, tmp_path, base=str(tmp_path / "b.safetensors"))
+        LookaheadTraining(plan, tmp_path / "t")
+
+
+def test_values_look_back_no_further_than_holes_are_filled(small_net, tmp_path):
+    plan = with_holes(small_net, tmp_path, history=8)
+    with pytest.raises(UserError, match=r"history: 8 .* fills \d steps"):
+        LookaheadTraining(plan, tmp_path / "t")
+
+
+@pytest.mark.usefixtures("one_worker")
+def test_an_episode_in_which_nothing_was_tried_costs_nothing(small_net, tmp_path):
+    plan = with_holes(small_net, tmp_path, tried=1e-6)
+    with pytest.raises(UserError, match="no phase was ever tried"):
+        LookaheadTraining(plan, tmp_path / "t").run(1)
 
 
 @pytest.mark.usefixtures("one_worker")

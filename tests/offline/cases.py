@@ -73,7 +73,7 @@ def made_up_dataset(
         missing=missing or MissingSettings(),
         unaware=unaware,
     )
-    start_dataset(path, settings)
+    start_dataset(path, settings, {})
     sources, entries = {}, []
     for name, network in networks.items():
         file = path / NETWORKS / f"{name}.json"

@@ -8,7 +8,9 @@ from pydantic import ValidationError
 
 from tests.networks import grid_network
 from tsc_missing.config import SEEDS, MissingSettings, RunSettings
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import Options, prepare
+from tsc_missing.offline.dataset import start_dataset
 from tsc_missing.offline.plan import CollectSettings, draw_spec
 from tsc_missing.sensing.patterns import draw_mask
 
@@ -56,3 +58,18 @@ def test_the_mask_seed_changes_the_mask_alone(small_net):
     assert (masks[0] != masks[2]).any()
     assert RunSettings(seed=3).seed_of_mask == 3
     assert RunSettings(seed=3, mask_seed=0).seed_of_mask == 0
+
+
+def test_a_collection_goes_on_with_the_networks_that_it_was_begun_with(tmp_path):
+    plan, out = CollectSettings(nets=("a",), episodes=3), tmp_path / "log"
+    start_dataset(out, plan, {"a/net": "1"})
+    start_dataset(out, plan.model_copy(update={"seed": 5}), {"a/net": "2"})  # no episode yet
+    (out / "episodes" / "00001.parquet").touch()
+    start_dataset(out, plan.model_copy(update={"seed": 5, "episodes": 2}), {"a/net": "2"})
+    for changes, inputs, words in (
+        ({"seed": 5, "episodes": 1}, "2", "episodes: 1 .* there are 2"),
+        ({"seed": 6}, "2", "begun with seed 5"),
+        ({"seed": 5}, "3", "out: .* a/net has changed since"),
+    ):
+        with pytest.raises(UserError, match=words):
+            start_dataset(out, plan.model_copy(update=changes), {"a/net": inputs})

@@ -5,15 +5,18 @@ pytest.importorskip("torch", reason="Q-networks need torch")
 
 import torch
 
-from tsc_missing.config import RunSettings
+from tests.networks import grid_network
+from tests.offline.cases import made_up_dataset
+from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.offline.log import read_log
 from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.learner import Learner
 from tsc_missing.qlearning.networks import Graph
-from tsc_missing.qlearning.online import EPISODES, QTraining
+from tsc_missing.qlearning.online import EPISODES, QTraining, check_data
 from tsc_missing.qlearning.replay import Replay
 from tsc_missing.qlearning.weights import load_q_network
+from tsc_missing.training.diverged import DivergedError
 
 pytestmark = pytest.mark.usefixtures("one_worker")
 
@@ -127,3 +130,21 @@ def test_beginning_with_weights_that_look_less_far_back(small_net, tmp_path):
         QTraining(plan.model_copy(update={"start": start}), tmp_path / "v")
     with pytest.raises(ValueError, match="advanced-colight does not look back"):
         settings(small_net, history=1)
+
+
+def test_data_must_be_whole_and_of_the_same_networks(tmp_path):
+    network, lost = grid_network(2, 2), MissingSettings(pattern="random", rate=0.3)
+    whole = made_up_dataset(tmp_path / "whole", {"a": network})
+    check_data(whole, "value", {"a": network, "b": grid_network(1, 2)})
+    with pytest.raises(UserError, match="data: .*whole .* its a is another network than"):
+        check_data(whole, "value", {"a": grid_network(1, 2)})
+    holes = made_up_dataset(tmp_path / "holes", {"a": network}, holes=0.3, missing=lost)
+    with pytest.raises(UserError, match="data: .*holes .* have holes, and value needs all"):
+        check_data(holes, "value", {"a": network})
+
+
+def test_a_training_that_diverges_writes_no_weights(small_net, tmp_path):
+    plan = settings(small_net, rounds=1, learning_rate=1e30)
+    with pytest.raises(DivergedError):
+        QTraining(plan, tmp_path / "t").run(1)
+    assert not (tmp_path / "t" / "weights.safetensors").exists()

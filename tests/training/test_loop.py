@@ -17,8 +17,9 @@ from tsc_missing.errors import UserError
 from tsc_missing.paths import bundled_trainings
 from tsc_missing.training import checkpoint
 from tsc_missing.training.config import TrainingSettings, read_training
+from tsc_missing.training.diverged import DivergedError
 from tsc_missing.training.loop import Training
-from tsc_missing.training.steps import DivergedError, StoppedError, learning_rate
+from tsc_missing.training.steps import StoppedError, learning_rate
 
 
 @pytest.fixture(scope="module")

@@ -57,6 +57,12 @@ class CQLModelBasedSettings(CQLSettings):
     algorithm: Literal["cql-model-based"]  # type: ignore[assignment]
     reward_steps: int = Field(2000, ge=1)  # updates of the reward model, before those of the values
 
+    @model_validator(mode="after")
+    def _learns_values(self) -> Self:
+        if self.reward_steps >= self.steps:
+            raise ValueError(f"steps must be more than the {self.reward_steps} of reward_steps")
+        return self
+
 
 class DecisionTransformerSettings(BaselineSettings):
     """Decision Transformer."""

@@ -45,9 +45,7 @@ def option_error(error: ValidationError, whole: str = "options") -> UserError:
     names = [part for part in first["loc"] if isinstance(part, str)]
     name = names[-1] if names else whole
     value = first["input"]
-    if not names and isinstance(value, dict):
-        value = value.get(name, value)
-    if names and isinstance(value, dict):  # of a group: the option that the words name first
+    if isinstance(value, dict):  # of a group, or of all: the option that the words name first
         words = str(first["msg"])
         named = [key for key in value if key in words]
         name = min(named, key=words.index, default=name)

@@ -25,7 +25,7 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    more = (_native, _unused_imputer, _fallback, _observed_in_the_log)
+    more = (_native, _unused_imputer, _other_interval, _fallback, _observed_in_the_log)
     for warning in [*warnings(result), *chain(*(tell(prepared) for tell in more))]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
@@ -45,6 +45,13 @@ def _unused_imputer(prepared: Prepared) -> list[str]:
     if settings.imputer == RunSettings().imputer or needs_values(settings.controller):
         return []
     return [f"{settings.controller} asks no imputer, so --imputer {settings.imputer} did nothing"]
+
+
+def _other_interval(prepared: Prepared) -> list[str]:
+    settings, usual = prepared.settings, RunSettings().signals.decision_interval
+    if settings.signals.decision_interval == usual or not weights_of(settings):
+        return []
+    return [f"the weights learned from decisions every {usual} s"]
 
 
 def _fallback(prepared: Prepared) -> list[str]:

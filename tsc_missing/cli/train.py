@@ -136,7 +136,8 @@ def _imitate(settings: "BaselineSettings", folder: Path, resume: bool) -> Path:
 @contextmanager
 def _ending(folder: Path) -> Iterator[None]:
     """What a training that stops early or diverges says, and with which status it ends."""
-    from tsc_missing.training.steps import DivergedError, StoppedError
+    from tsc_missing.training.diverged import DivergedError
+    from tsc_missing.training.steps import StoppedError
 
     try:
         yield
@@ -155,7 +156,7 @@ def _learn(settings: "QLearningSettings", folder: Path, resume: bool, workers: i
 
     torch.set_num_threads(1)
     training = QTraining(settings, folder, resume)
-    with _progress(settings.rounds, training.round, "round") as (show, stop):
+    with _ending(folder), _progress(settings.rounds, training.round, "round") as (show, stop):
         weights = training.run(
             workers,
             lambda now: show(now.round, f"loss {now.loss:.4f}, {now.vehicles:.0f} vehicles"),
@@ -174,7 +175,7 @@ def _look_ahead(settings: "LookaheadSettings", folder: Path, resume: bool, worke
 
     torch.set_num_threads(1)
     training = LookaheadTraining(settings, folder, resume)
-    with _progress(settings.episodes, training.there, "episode") as (show, stop):
+    with _ending(folder), _progress(settings.episodes, training.there, "episode") as (show, stop):
         weights = training.run(workers, show, stop)
     if weights is None:
         _interrupted(f"episode {training.there}", folder)

@@ -11,6 +11,7 @@ import numpy as np
 from tsc_missing.config import GUIDED_STEPS
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
+from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
 from tsc_missing.sensing.observation import QUEUE, Observation
 
@@ -62,7 +63,7 @@ class DiffLight(Controller):
             weights, sampling_steps, is_guided(scoring), copies, blind_steps
         )
         self._scoring = scoring
-        self._q = None if q_weights is None else load_q(q_weights)
+        self._q = None if q_weights is None else load_q(q_weights, self._planner)
         self._planned: Planned | None = None
 
     @property
@@ -150,10 +151,17 @@ def load_planner(
     return Planner(weights, sampling_steps, guided, samples, blind_steps)
 
 
-def load_q(weights: Path) -> Callable[[ControlContext], PhaseValues]:
-    """What makes the values of a run from its context; imports torch."""
+def load_q(weights: Path, planner: Planner) -> Callable[[ControlContext], PhaseValues]:
+    """What makes the values of a run from its context; imports torch.
+
+    Raises ``UserError`` for weights that look further back than the planner fills holes.
+    """
     from tsc_missing.qlearning.controller import PhaseValues
     from tsc_missing.qlearning.weights import load_q_network
 
     network, _ = load_q_network(weights)
+    filled = planner.model.config.history
+    if 1 + network.history > filled:
+        words = f"they look back {network.history} steps, and the diffusion weights {filled - 1}"
+        raise UserError("q_weights", weights, words)
     return lambda context: PhaseValues(network, context.network, context.decision_interval)

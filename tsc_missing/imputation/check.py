@@ -71,6 +71,7 @@ def _fill(imputer: Imputer, observation: Observation) -> Observation:
             f"{where} {name} must have the shape {before.shape}, not {after.shape}",
         )
         require(bool(np.isfinite(after).all()), f"{where} {name} must be finite everywhere")
+        require(bool((after >= 0).all()), f"{where} {name} must not be below 0")
         seen = np.isfinite(before)
         require(
             np.array_equal(before[seen], after[seen]),

@@ -2,6 +2,8 @@
 
 import copy
 
+import numpy as np
+
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.imputation.base import Imputer
 from tsc_missing.own_code import make_own, named, set_apart
@@ -24,9 +26,14 @@ class OwnImputer(Imputer):
             self._inner.reset(copy.deepcopy(context))
 
     def fill(self, observation: Observation) -> Observation:
-        """Its answer; raises where that is no observation."""
+        """Its answer; raises where that is no observation, or not what was reported."""
         with set_apart():
             filled = self._inner.fill(observation.copy())
         if not isinstance(filled, Observation):
             raise TypeError(f"fill must return an Observation, not {type(filled).__name__}")
+        for name in ("values", "exits"):
+            before, after = getattr(observation, name), np.asarray(getattr(filled, name))
+            seen = np.isfinite(before)
+            if after.shape == before.shape and not np.array_equal(after[seen], before[seen]):
+                raise ValueError(f"fill must leave the reported {name} as they are")
         return filled

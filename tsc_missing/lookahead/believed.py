@@ -59,6 +59,9 @@ def _believed(
     planner: Planner, network: Network, played: Played, mask: BoolArray, seed: int
 ) -> Belief:
     """At the tried steps; values in half precision."""
+    if not len(played.steps):
+        nothing = (0, planner.model.config.history, *played.values.shape[1:])
+        return Belief(torch.zeros(nothing).half(), torch.zeros(nothing[:-1], dtype=torch.bool))
     planner.reset(replay_context(network, mask, seed))
     values, known = [], []
     red_steps = red_steps_of(network, played.phase)

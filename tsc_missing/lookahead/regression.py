@@ -13,6 +13,7 @@ from tsc_missing.network.slots import N_SLOTS, TURNS
 from tsc_missing.qlearning.features import names_with
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.seeding import stream
+from tsc_missing.training.diverged import check_finite
 
 
 class Regression:
@@ -52,7 +53,10 @@ class Regression:
         self._done = 0
 
     def update(self) -> float:
-        """One step of the optimiser, on decision steps of one episode; returns the loss."""
+        """One step of the optimiser, on decision steps of one episode; returns the loss.
+
+        Raises ``DivergedError``.
+        """
         settings = self._settings
         for group in self._optimiser.param_groups:
             group["lr"] = settings.learning_rate * (1 - self._done / settings.updates)
@@ -68,6 +72,7 @@ class Regression:
         wanted, found = centred(returns), centred(torch.where(returns.isnan(), torch.nan, values))
         there = ~returns.isnan() & counted.unsqueeze(-1)
         loss = nn.functional.smooth_l1_loss(found[there] / scale, wanted[there] / scale)
+        check_finite(loss, self._done)
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from tsc_missing.config import SignalSettings
+from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.files import check_new_training, replace_file, sha256
@@ -60,6 +61,9 @@ class LookaheadTraining:
         if base.certainty and (base.history, settings.masked) != (settings.history, True):
             words = f"the base looks back {base.history} and knows of missing data: so must this"
             raise UserError("history", settings.history, words)
+        self._check_rewards()
+        if settings.masked:
+            check_looks_back(settings.history, settings.fill)
         self._start = base
         self._inputs = self._read_inputs()
         if resume:
@@ -107,6 +111,17 @@ class LookaheadTraining:
             paths = [source.path(number) for number in range(source.settings.episodes)]
             found |= {str(path): sha256(path) for path in paths}
         return found
+
+    def _check_rewards(self) -> None:
+        """Raise ``UserError`` where the base's values are of other rewards than are added here."""
+        of_base = self._base.get("training", {})
+        if of_base.get("reward") == "departures":
+            raise UserError("base", self.settings.base, "its reward is departures, not vehicles")
+        for name in ("discount", "running_weight", "reward_scale"):
+            mine = getattr(self.settings, name)
+            if of_base.get(name, mine) != mine:
+                words = f"the base {self.settings.base} was trained with {of_base[name]}"
+                raise UserError(name, mine, words)
 
     def _check_same(self) -> None:
         before = read_settings(self.folder, "resume").model_dump(mode="json")
@@ -180,6 +195,14 @@ class LookaheadTraining:
         }
         save_q_network(network, "value", network.slot.width, path, about)
         return path
+
+
+def check_looks_back(history: int, fill: str) -> None:
+    """Raise ``UserError`` where the diffusion weights ``fill`` fill fewer steps than are used."""
+    filled = load_weights(find_weights(fill))[0].config.history
+    if 1 + history > filled:
+        words = f"{fill} fills {filled} steps, so values can look back {filled - 1}"
+        raise UserError("history", history, words)
 
 
 def fill_episode(settings: LookaheadSettings, source: Source, number: int, path: Path) -> None:

@@ -37,6 +37,7 @@ from tsc_missing.processes import worker_processes
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.versions import git_revision, versions
+from tsc_missing.weights.inputs import of_scenarios
 
 RUNS_PER_PROCESS = 32  # processes end after about so many, with the memory that SUMO has lost
 
@@ -55,7 +56,8 @@ def collect(
     settings = settings.model_copy(update={"code": code})
     scenarios = {net: find_scenario(net, settings.demand) for net in settings.nets}
     _check_scenarios(settings, scenarios)
-    start_dataset(out, settings)
+    sources = {net: scenario.checksums() for net, scenario in scenarios.items()}
+    start_dataset(out, settings, of_scenarios(sources))
     scaled = {net: scenario.demand_kind == "profile" for net, scenario in scenarios.items()}
     specs = [
         draw_spec(settings, number, scaled[settings.nets[number % len(settings.nets)]])
@@ -63,13 +65,11 @@ def collect(
     ]
     wanted = [spec for spec in specs if not _is_there(out, spec)]
     done = len(specs) - len(wanted)
-    if wanted:
-        (out / MANIFEST).unlink(missing_ok=True)
     for _ in _run_all(wanted, out, workers):
         done += 1
         if watch is not None:
             watch(done, len(specs))
-    if not (out / MANIFEST).exists():
+    if wanted or not (out / MANIFEST).exists():
         write_json(out / MANIFEST, _manifest(settings, out, specs, scenarios))
     return read_dataset(out)
 
@@ -79,7 +79,8 @@ def _check_scenarios(settings: CollectSettings, scenarios: dict[str, Scenario]) 
     for number, (net, scenario) in enumerate(scenarios.items()):
         volumes = {settings.volume_min, settings.volume_max}
         if scenario.demand_kind != "profile" and settings.demand != "auto" and volumes != {1.0}:
-            raise UserError("volume", net, "its demand has only volume 1: min and max must be")
+            words = f"the demand of {net} has only volume 1: so must --volume-max, or --demand auto"
+            raise UserError("volume-min", settings.volume_min, words)
         spec = draw_spec(settings, number)
         draw_mask(settings.missing, scenario.folder.network, 1, spec.mask_seed)
     for name in settings.policies:

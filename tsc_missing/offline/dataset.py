@@ -5,7 +5,7 @@ the start. A dataset is complete in itself: it can be read where the networks ar
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.records import NetworkRecord
 from tsc_missing.offline.log import FIELD, EpisodeLog, read_log
 from tsc_missing.offline.plan import CollectSettings, EpisodeSpec
+from tsc_missing.weights.inputs import check_inputs, write_inputs
 
 MANIFEST, PLAN, EPISODES, NETWORKS = "manifest.json", "plan.json", "episodes", "networks"
 
@@ -139,23 +140,30 @@ def read_dataset(path: Path) -> Dataset:
     return Dataset(path, parse(_MANIFEST, value, FIELD, path / MANIFEST))
 
 
-def start_dataset(path: Path, settings: CollectSettings) -> None:
+def start_dataset(path: Path, settings: CollectSettings, inputs: Mapping[str, str]) -> None:
     """Make the folder of a dataset, or check that the one that is there can be gone on with.
 
-    All but the number of episodes must be as it was.
+    All but the number of episodes must be as it was, and so the ``inputs``, the files of the
+    networks and demands by checksum. A collection without an episode is begun anew.
     """
     if path.exists() and not path.is_dir():
         raise UserError("out", path, "it is a file, and must be a folder")
     if path.is_dir() and not (path / PLAN).is_file() and any(path.iterdir()):
         raise UserError("out", path, f"the folder is not empty and has no {PLAN}")
-    if (path / PLAN).is_file():
+    numbers = [int(k.stem) for k in (path / EPISODES).glob("[0-9]*.parquet")]
+    if (path / PLAN).is_file() and numbers:
         _check_same(path, settings)
+        check_inputs(path, inputs, "out")
+        if settings.episodes <= max(numbers):
+            words = f"there are {max(numbers) + 1} in {path}, and so many at least must be"
+            raise UserError("episodes", settings.episodes, words)
     try:
         for folder in (EPISODES, NETWORKS):
             (path / folder).mkdir(parents=True, exist_ok=True)
         for left in (path / EPISODES).glob(".*"):
             left.unlink(missing_ok=True)
         write_json(path / PLAN, settings)
+        write_inputs(path, inputs)
     except OSError as error:
         raise UserError("out", path, f"cannot be written ({error.strerror})") from error
 
@@ -166,8 +174,6 @@ def _check_same(path: Path, settings: CollectSettings) -> None:
         was, wanted = getattr(before, name), getattr(settings, name)
         if was != wanted and name != "episodes":
             raise UserError("out", path, f"it was begun with {name} {was}, not {wanted}")
-    if settings.episodes < before.episodes:
-        raise UserError("episodes", settings.episodes, f"{path} was begun with {before.episodes}")
 
 
 def add_network(path: Path, record: Path) -> str:

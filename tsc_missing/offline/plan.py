@@ -31,7 +31,7 @@ class CollectSettings(Settings):
     lost: tuple[MaybeFailure, ...] = ("none",)  # what the policies do not see, in turn
     min_space: int = Field(0, ge=0)  # [vehicles a lane] that policies keep on short roads; 0: none
     missing: MissingSettings = MissingSettings()  # holes of the log
-    horizon: int = Field(3600, gt=0)  # [s] of an episode
+    horizon: int = Field(3600, ge=30)  # [s] of an episode: two decisions at least
     episodes: int = Field(60, ge=1)
     code: dict[str, str] = Field(default_factory=dict)  # SHA-256 of users' own policies' files
     seed: int = Field(0, ge=0, lt=SEEDS)
@@ -39,9 +39,9 @@ class CollectSettings(Settings):
     @model_validator(mode="after")
     def _ranges(self) -> Self:
         if self.volume_min > self.volume_max:
-            raise ValueError("volume_min must not be above volume_max")
+            raise ValueError(f"volume_min must not be above volume_max, {self.volume_max:g}")
         if self.epsilon_min > self.epsilon_max:
-            raise ValueError("epsilon_min must not be above epsilon_max")
+            raise ValueError(f"epsilon_min must not be above epsilon_max, {self.epsilon_max:g}")
         if self.missing.file:
             raise ValueError("the holes of a log are drawn, not read from a file")
         if not self.lost:

@@ -27,7 +27,7 @@ class QLearningSettings(Settings):
     volume_max: float = Field(1.2, gt=0, le=10)  # drawn for each episode
     data: Path | None = None  # an offline dataset to learn from besides
     start: str | None = None  # weights to begin with, a name or a path
-    horizon: int = Field(3600, gt=0)  # [s] of an episode
+    horizon: int = Field(3600, ge=30)  # [s] of an episode: two decisions at least
 
     width: int = Field(32, ge=4, multiple_of=4)
     history: int = Field(0, ge=0, le=MOST_HISTORY)  # [decision steps] that "value" looks back

@@ -12,6 +12,7 @@ from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.networks import Graph, QNetwork, make_q_network
 from tsc_missing.qlearning.replay import Transitions
 from tsc_missing.qlearning.weights import load_q_network
+from tsc_missing.training.diverged import check_finite
 
 
 class Learner:
@@ -53,13 +54,14 @@ class Learner:
         self.acting.load_state_dict(self.target.state_dict())
 
     def update(self, batch: list[Transitions]) -> float:
-        """One step of the optimiser; returns the loss."""
+        """One step of the optimiser; returns the loss. Raises ``DivergedError``."""
         rate = self._settings.rate(self.done / self._settings.all_updates)
         for group in self.optimiser.param_groups:
             group["lr"] = rate
         self.optimiser.zero_grad(set_to_none=True)
         errors = torch.cat([self._errors(transitions) for transitions in batch])
         loss = nn.functional.smooth_l1_loss(errors, torch.zeros_like(errors))
+        check_finite(loss, self.done)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), self._settings.gradient_norm)
         self.optimiser.step()

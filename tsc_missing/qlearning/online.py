@@ -11,9 +11,11 @@ import torch
 from torch import Tensor
 
 from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.files import check_new_training, sha256
-from tsc_missing.offline.dataset import read_dataset
+from tsc_missing.network.model import Network
+from tsc_missing.offline.dataset import Dataset, read_dataset
 from tsc_missing.offline.episode import play
 from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.policies import Exploring
@@ -73,6 +75,15 @@ def play_episode(episode: Episode) -> None:
     write_log(episode.path, log, {"net": settings.net})
 
 
+def check_data(data: Dataset, algorithm: str, networks: Mapping[str, Network]) -> None:
+    """Raise ``UserError`` unless its logs are whole, and of these networks where the names are."""
+    if not data.manifest.complete:
+        raise UserError("data", data.path, f"its logs have holes, and {algorithm} needs all")
+    for net in networks.keys() & data.networks.keys():
+        if data.networks[net].record != networks[net].record:
+            raise UserError("data", data.path, f"its {net} is another network than {net} is now")
+
+
 class QTraining:
     """A training in a folder: the logs of its episodes, a checkpoint, in the end the weights.
 
@@ -91,6 +102,7 @@ class QTraining:
         self._sources = {net: scenario.checksums() for net, scenario in scenarios.items()}
         self._data = None if settings.data is None else read_dataset(settings.data)
         if self._data is not None:
+            check_data(self._data, settings.algorithm, networks)
             networks |= self._data.networks
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
         graphs = {net: Graph.of(network) for net, network in networks.items()}

@@ -6,6 +6,7 @@ from typing import Any
 from tsc_missing.errors import UserError
 from tsc_missing.qlearning.features import NAMES
 from tsc_missing.qlearning.networks import QNetwork, make_q_network
+from tsc_missing.training.diverged import check_weights
 from tsc_missing.weights.file import read_tensors, write_tensors
 from tsc_missing.weights.find import FIELD
 
@@ -15,7 +16,11 @@ KIND = "q-network"
 def save_q_network(
     network: QNetwork, algorithm: str, width: int, path: Path, about: dict[str, Any]
 ) -> None:
-    """Write a network's weights and a manifest: what it is, and ``about`` (JSON values)."""
+    """Write a network's weights and a manifest: what it is, and ``about`` (JSON values).
+
+    Raises ``DivergedError`` for weights that are not finite.
+    """
+    check_weights(network.state_dict().values())
     manifest = {
         **about,
         "algorithm": algorithm,

@@ -18,8 +18,9 @@ from tsc_missing.offline.dataset import Dataset
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
 from tsc_missing.training.config import RESUMABLE, TrainingSettings
+from tsc_missing.training.diverged import DivergedError
 from tsc_missing.training.metrics import MetricsLog
-from tsc_missing.training.steps import DivergedError, StepTraining, learning_rate
+from tsc_missing.training.steps import StepTraining, learning_rate
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import FILE, find_weights
 from tsc_missing.weights.state import optimiser_state, part_of, restore_optimiser, under

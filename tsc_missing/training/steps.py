@@ -27,10 +27,6 @@ P = TypeVar("P", bound=StepSettings)
 S = TypeVar("S")  # the state of a training for who watches it
 
 
-class DivergedError(RuntimeError):
-    """The loss or the gradient is not finite; the weights are those of the step before."""
-
-
 class StoppedError(Exception):
     """The training was asked to stop; ``step`` is the checkpoint's."""
 

@@ -15,17 +15,18 @@ def write_inputs(folder: Path, inputs: Mapping[str, str]) -> None:
     replace_file(folder / INPUTS, (json.dumps(dict(inputs), indent=1) + "\n").encode())
 
 
-def check_inputs(folder: Path, inputs: Mapping[str, str]) -> None:
+def check_inputs(folder: Path, inputs: Mapping[str, str], field: str = "resume") -> None:
     """Raise ``UserError`` if a training that is to go on was begun with other ``inputs``.
 
-    One that did not write them down, by an earlier version, passes.
+    ``field`` is what named the folder. One that did not write them down, by an earlier version,
+    passes.
     """
     if not (folder / INPUTS).is_file():
         return
-    before = read_json(folder / INPUTS, "resume")
+    before = read_json(folder / INPUTS, field)
     for name in sorted({*inputs, *before}):
         if inputs.get(name) != before.get(name):
-            raise UserError("resume", folder, f"{name} has changed since it was begun")
+            raise UserError(field, folder, f"{name} has changed since it was begun")
 
 
 def of_scenarios(sources: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
