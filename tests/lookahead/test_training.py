@@ -126,8 +126,8 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
 )
 def test_the_base_has_values_of_the_same_rewards(small_net, tmp_path, about, words):
     save_q_network(PhaseValue(8), "value", 8, tmp_path / "b.safetensors", {"training": about})
+    plan = settings(small_net, tmp_path, base=str(tmp_path / "b.safetensors"))
     with pytest.raises(UserError, match=words):
-        plan = settings(small_net, tmp_path, base=str(tmp_path / "b.safetensors"))
         LookaheadTraining(plan, tmp_path / "t")
 
 

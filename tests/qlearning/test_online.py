@@ -136,10 +136,10 @@ def test_data_must_be_whole_and_of_the_same_networks(tmp_path):
     network, lost = grid_network(2, 2), MissingSettings(pattern="random", rate=0.3)
     whole = made_up_dataset(tmp_path / "whole", {"a": network})
     check_data(whole, "value", {"a": network, "b": grid_network(1, 2)})
-    with pytest.raises(UserError, match="data: .*whole .* its a is another network than"):
+    with pytest.raises(UserError, match=r"data: .*whole .* its a is another network than"):
         check_data(whole, "value", {"a": grid_network(1, 2)})
     holes = made_up_dataset(tmp_path / "holes", {"a": network}, holes=0.3, missing=lost)
-    with pytest.raises(UserError, match="data: .*holes .* have holes, and value needs all"):
+    with pytest.raises(UserError, match=r"data: .*holes .* have holes, and value needs all"):
         check_data(holes, "value", {"a": network})
 
 

@@ -68,6 +68,8 @@ def test_ratios_over_strata_and_pairs():
     assert ratio_of([one, other]).value == pytest.approx(1.0)
     assert ratio_of([one]).interval is None
     assert ratio_of([np.zeros((0, 2))]) is None
+    seeds = np.array([[0.9, 1.0], [1.0, 1.0], [1.2, 1.0]])
+    assert ratio_of([seeds] * 20).interval == pytest.approx(ratio_of([seeds]).interval)
     for zero in ([[0.0, 2.0]], [[2.0, 0.0]], [[0.0, 0.0]], [[2.0, 1.0], [3.0, 0.0]]):
         assert ratio_of([np.array(zero)]) is None
         assert ratio_of([one, np.array(zero)]) == ratio_of([one])

@@ -129,7 +129,8 @@ def _comparison(results: Results, metric: str) -> list[str]:
         f"By how much `{metric}` is above (+, worse) or below (−, better) that of the "
         "conventional method that is best in the same case (the base), paired by seed: same "
         "demand, same mask. In brackets the 95 % interval of 10 000 bootstrap samples of the "
-        "seeds; with few seeds it is a rough guide, and too narrow. No brackets: all seeds agree "
+        "seeds; with few seeds it is a rough guide, and too narrow: of three it is the range of "
+        "the three. No brackets: all seeds agree "
         "as printed, or there is only one. The base was chosen on the same runs, which flatters "
         "it.",
         "",
@@ -142,9 +143,10 @@ def _comparison(results: Results, metric: str) -> list[str]:
             "### All cases with missing data",
             "",
             "The geometric mean of the ratios above over all datasets and cases with missing "
-            "data, seeds drawn anew within each; in how many of them the method is better than "
-            "the base on most seeds; and the number of its runs. A method counts with 0 % where it "
-            "is the base itself.",
+            "data, with the same seeds drawn in all of them; in how many of them the method is "
+            "better than the base on most seeds; and the number of its runs. A method counts with "
+            "0 % where it is the base itself. One that did not run in all cases cannot be compared "
+            "with those that did.",
             *pooled,
         ]
     return lines
@@ -168,7 +170,8 @@ def _paper(results: Results) -> list[str]:
         if not rows:
             lines += [
                 f"Nothing to show: it takes {COMMON} without missing data and a method of the "
-                "paper on the same dataset and case.",
+                f"paper on the same dataset and case, and a run of {COMMON} in CityFlow (there is "
+                "none of New York).",
                 "",
             ]
     lines += rows

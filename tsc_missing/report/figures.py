@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
+from tsc_missing.config import MEAN_OUTAGE, MissingSettings
 from tsc_missing.network.picture_style import INK
 from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.results import NOTHING_MISSING, Results
@@ -24,7 +25,7 @@ from tsc_missing.report.style import (
     scale_top,
 )
 
-Group = tuple[str, bool]  # a pattern, and whether kriging is adjacent
+Group = tuple[str, bool, float]  # a pattern, whether kriging is adjacent, the mean outage
 Points = list[tuple[float, Mean]]
 
 DARK = 0.2  # relative luminance of a colour below which white words are easier to read
@@ -125,15 +126,21 @@ def _scale(panel: Axes, lines: dict[str, Points], style: dict[str, Look]) -> Non
 def _groups(results: Results, dataset: str) -> list[Group]:
     specs = [run.spec for run in results.finished if run.spec.dataset == dataset]
     found = dict.fromkeys(
-        (s.settings.missing.pattern, s.settings.missing.adjacent)
+        _group(s.settings.missing)
         for s in specs
         if s.case != NOTHING_MISSING and not s.settings.missing.file
     )
     return list(found)
 
 
+def _group(missing: MissingSettings) -> Group:
+    return missing.pattern, missing.adjacent, missing.mean_outage
+
+
 def _group_words(group: Group) -> str:
-    return f"{group[0]}{' (adjacent)' if group[1] else ''} missing"
+    pattern, adjacent, outage = group
+    steps = "" if outage == MEAN_OUTAGE else f" (outages of {outage:g} steps)"
+    return f"{pattern}{' (adjacent)' if adjacent else ''} missing{steps}"
 
 
 def _rates(results: Results, dataset: str, group: Group) -> dict[float, str]:
@@ -143,7 +150,7 @@ def _rates(results: Results, dataset: str, group: Group) -> dict[float, str]:
         missing = run.spec.settings.missing
         if run.spec.dataset != dataset:
             continue
-        if run.spec.case == NOTHING_MISSING or (missing.pattern, missing.adjacent) == group:
+        if run.spec.case == NOTHING_MISSING or _group(missing) == group:
             found[missing.rate] = run.spec.case
     return dict(sorted(found.items()))
 

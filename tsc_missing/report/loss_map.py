@@ -26,6 +26,7 @@ from tsc_missing.network.picture_marks import draw_roads, road_band
 from tsc_missing.network.picture_names import draw_names
 from tsc_missing.network.picture_style import INK, WHITE, choose_sizes
 from tsc_missing.network.roads import read_roads
+from tsc_missing.report.markdown import signed
 from tsc_missing.report.results import NOTHING_MISSING, Results, Run
 from tsc_missing.report.statistics import paired, ratio_of
 from tsc_missing.report.tables import is_listed
@@ -110,7 +111,7 @@ def _draw(network: Network, run: Run, costs: FloatArray, metric: str) -> Figure:
     style: dict[str, Any] = {"edgecolors": INK, "linewidths": 0.9, "zorder": 3}
     axes.scatter(x[~tried], y[~tried], s=area[~tried], c=WHITE, **style)
     axes.scatter(x[tried], y[tried], s=area[tried], c=costs[tried], cmap=COSTS, norm=norm, **style)
-    labels = [f"{100 * cost:+.1f} %" for cost in costs[tried]]
+    labels = [f"{signed(100 * cost)} %" for cost in costs[tried]]
     bands = [road_band(road, sizes) for road in roads]
     note = draw_names(
         figure, axes, labels, network.coordinates[tried], sizes.radius[tried], bands, shorten=False

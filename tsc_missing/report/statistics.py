@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsc_missing.network.model import FloatArray
+from tsc_missing.network.model import FloatArray, IntArray
 
 RESAMPLES = 10_000
 LEVEL = 0.95
@@ -49,9 +49,10 @@ def ratio_of(strata: Sequence[FloatArray], seed: int = 0) -> Ratio | None:
     """How many times its partner the first of each pair is; None without pairs.
 
     ``strata`` are (n, 2) pairs of one dataset and case each: the ratio is the geometric mean over
-    them of the ratio of means. The interval is the percentile bootstrap's at 95 %, where the
-    pairs are drawn anew within each stratum; strata of one pair only are as they are. Strata with
-    a value of 0 have no such ratio and are left out.
+    them of the ratio of means. The interval is the percentile bootstrap's at 95 %. The pairs at one
+    place in strata of one length are of one seed, which makes their masks alike, so they are drawn
+    together; strata of one pair only are as they are. Strata with a value of 0 have no such ratio
+    and are left out.
     """
     strata = [pairs for pairs in strata if len(pairs) and (pairs > 0).all()]
     if not strata:
@@ -61,7 +62,9 @@ def ratio_of(strata: Sequence[FloatArray], seed: int = 0) -> Ratio | None:
     if max(len(pairs) for pairs in strata) < 2:
         return Ratio(value, None, n)
     rng = np.random.default_rng(seed)
-    logs = np.mean([_resampled(pairs, rng) for pairs in strata], axis=0)
+    lengths = sorted({len(pairs) for pairs in strata})
+    drawn = {n: rng.integers(n, size=(RESAMPLES, n)) for n in lengths}
+    logs = np.mean([_resampled(pairs, drawn[len(pairs)]) for pairs in strata], axis=0)
     low, high = np.exp(np.quantile(logs, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]))
     return Ratio(value, (float(low), float(high)), n)
 
@@ -71,8 +74,8 @@ def _log_ratio(pairs: FloatArray) -> float:
     return math.log(one / other)
 
 
-def _resampled(pairs: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """(RESAMPLES,): the logarithm of the ratio of means of as many pairs drawn with replacement."""
-    drawn = pairs[rng.integers(len(pairs), size=(RESAMPLES, len(pairs)))].mean(axis=1)
+def _resampled(pairs: FloatArray, places: IntArray) -> FloatArray:
+    """(RESAMPLES,): the logarithm of the ratio of means of the pairs at ``places``, row by row."""
+    drawn = pairs[places].mean(axis=1)
     logs: FloatArray = np.log(drawn[:, 0] / drawn[:, 1])
     return logs

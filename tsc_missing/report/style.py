@@ -144,13 +144,15 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
     height = axes.get_window_extent().height / DPI  # [inches]
     gap = LABEL_LINE / height  # of the height of the axes
     leader = {"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 1, "shrinkB": 3, "relpos": (0, 0.5)}
-    ends = sorted(ends, key=lambda end: end.y)
+    short = {"color": GREY, "linestyle": ":"}  # it is no line, and must not look like one
+    ends, last = sorted(ends, key=lambda end: end.y), max(end.x for end in ends)
     wanted = np.array([(min(end.y, high) - low) / (high - low) for end in ends])
     steps = gap * np.arange(len(ends))
     # the nearest places that are a gap apart and not above the axes
     places = np.minimum(isotonic_regression(wanted - steps).x, 1.0 - steps[-1]) + steps
     for end, y in zip(ends, places, strict=True):
         above = end.y > high
+        look = short if end.x < last else {"color": end.colour}
         words = f"{end.words} \u2191\u202f{end.y:.0f}" if above else end.words
         axes.annotate(
             words,
@@ -162,7 +164,7 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
             color=end.colour if end.colour != GREY else QUIET,
             parse_math=False,
             annotation_clip=False,
-            arrowprops=None if above else leader | {"color": end.colour},
+            arrowprops=None if above else leader | look,
         )
 
 
