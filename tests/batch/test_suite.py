@@ -111,6 +111,13 @@ def test_axes_make_the_product_and_words(tmp_path):
     assert {r.case for r in suite.runs} == {"kriging 25 %", "kriging (adjacent) 25 %"}
 
 
+def test_what_bounds_a_controller_is_of_its_method(tmp_path):
+    text = '[[runs]]\nmethod = "max-queue"\nsignals.min_space = [0, 9]\nhorizon = [60, 90]\n'
+    runs = read_suite(str(write(tmp_path, text))).runs
+    assert {run.method for run in runs} == {"max-queue, min_space 0", "max-queue, min_space 9"}
+    assert {run.dataset for run in runs} == {"jinan_1, horizon 60", "jinan_1, horizon 90"}
+
+
 def test_changes_replace_what_the_file_says(tmp_path):
     text = (
         "[[runs]]\nmethod = 'random'\nmissing = {pattern='random', rate=[0.1, 0.2]}\nseed = [0, 1]"

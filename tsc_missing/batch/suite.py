@@ -30,7 +30,8 @@ METHOD_GROUPS = (
     "blind",
     "diffusion",
     "q_weights",
-)  # settings that make a method
+)  # settings that make a method,
+METHOD_KEYS = (("signals", "min_space"), ("signals", "max_red"))  # and so do these of other groups
 
 
 class RunSpec(Settings):
@@ -216,8 +217,9 @@ def _labels(
     """The run's name, and its dataset, case and method in words."""
     named = ("net", "missing", "method", "seed")
     extra = [key for key in varied if key[0] not in named and key in settings]
-    of_method = [f"{key[-1]} {settings[key]}" for key in extra if key[0] in METHOD_GROUPS]
-    of_scene = [f"{key[-1]} {settings[key]}" for key in extra if key[0] not in METHOD_GROUPS]
+    decides = [key for key in extra if key[0] in METHOD_GROUPS or key in METHOD_KEYS]
+    of_method = [f"{key[-1]} {settings[key]}" for key in decides]
+    of_scene = [f"{key[-1]} {settings[key]}" for key in extra if key not in decides]
     missing, net = run.missing, Path(canonical(run.net)).name
     what: list[str] = [missing.file_words if missing.file else missing.pattern]
     if missing.pattern not in ("none", "file"):
