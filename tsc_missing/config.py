@@ -66,9 +66,9 @@ class MissingSettings(Settings):
     """Which sensors do not report, and how much (``docs/missing-patterns.md``)."""
 
     pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed", "file"] = "none"
-    rate: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
+    rate: float = Field(0.0, ge=0, le=1)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
-    mean_outage: float = Field(MEAN_OUTAGE, ge=1, allow_inf_nan=False)  # [decision steps]
+    mean_outage: float = Field(MEAN_OUTAGE, ge=1)  # [decision steps]
     file: str = ""  # a mask.npz or a list of outages (CSV), for the pattern file
 
     @property
@@ -138,7 +138,7 @@ class SensorSettings(Settings):
     """How a lane is measured: the whole of it, or its last ``length`` metres."""
 
     kind: Literal["lane", "area"] = "lane"
-    length: float = Field(AREA_LENGTH, gt=0, allow_inf_nan=False)  # [m], for ``area``
+    length: float = Field(AREA_LENGTH, gt=0)  # [m], for ``area``
 
     @model_validator(mode="after")
     def _measures_something(self) -> Self:
@@ -166,7 +166,7 @@ class RunSettings(Settings):
 
     net: str = "jinan"
     demand: Literal["auto", "profile", "recorded"] = "auto"
-    volume: float = Field(1.0, gt=0, le=10, allow_inf_nan=False)  # times the profile's arrivals
+    volume: float = Field(1.0, gt=0, le=10)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
     blind: Literal["auto", "none", "fixed-time", "clustered", "expected-queue"] = (

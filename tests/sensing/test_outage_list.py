@@ -53,6 +53,13 @@ def test_a_reading_is_lost_where_a_line_says_so(tmp_path_factory, rows):
             read_outages(path, NETWORK, STEPS, INTERVAL)
 
 
+def test_an_end_may_be_said_to_be_never(tmp_path):
+    path = written(tmp_path, f"intersection,end\n{NETWORK.ids[0]},inf")
+    mask = read_outages(path, NETWORK, STEPS, INTERVAL)
+    assert not mask[:, 0].any()
+    assert mask[:, 1:].all()
+
+
 def test_slots_that_are_not_there_count_as_reported(tmp_path):
     tee = tee_network()
     absent = ~tee.slot_mask

@@ -35,7 +35,7 @@ class CQLSettings(BaselineSettings):
     """Conservative Q-learning."""
 
     algorithm: Literal["cql"]
-    alpha: float = Field(0.1, ge=0, allow_inf_nan=False)  # of the conservative term
+    alpha: float = Field(0.1, ge=0)  # of the conservative term
     discount: float = Field(0.8, ge=0, lt=1)  # of the next step
     target_rate: float = Field(0.005, gt=0, le=1)  # of the moving average that gives targets
 
@@ -44,7 +44,7 @@ class TD3BCSettings(BaselineSettings):
     """TD3+BC for phases."""
 
     algorithm: Literal["td3-bc"]
-    alpha: float = Field(2.5, ge=0, allow_inf_nan=False)  # of the values, against cloning
+    alpha: float = Field(2.5, ge=0)  # of the values, against cloning
     smoothing: float = Field(0.1, ge=0, le=1)  # share of uniform phases in the target policy
     policy_delay: int = Field(2, ge=1)  # updates of the critics for one of the actor
     discount: float = Field(0.8, ge=0, lt=1)  # of the next step
@@ -88,7 +88,7 @@ class PlannerSettings(BaselineSettings):
     horizon: int = Field(3, ge=1)  # H, steps that are planned
     diffusion_steps: int = Field(100, ge=1)  # K
     sampling_steps: int = Field(10, ge=1)  # of a decision
-    temperature: float = Field(0.5, ge=0, allow_inf_nan=False)  # of the noise that a plan begins as
+    temperature: float = Field(0.5, ge=0)  # of the noise that a plan begins as
     discount: float = Field(0.9, ge=0, lt=1)  # of the next step
     average_rate: float = Field(0.005, gt=0, le=1)  # of the moving average that decides
 
@@ -105,14 +105,14 @@ class DiffuserSettings(PlannerSettings):
     """Diffuser."""
 
     algorithm: Literal["diffuser"]
-    guidance: float = Field(1.0, ge=0, allow_inf_nan=False)  # times the gradient of the return
+    guidance: float = Field(1.0, ge=0)  # times the gradient of the return
 
 
 class DecisionDiffuserSettings(PlannerSettings):
     """Decision Diffuser."""
 
     algorithm: Literal["decision-diffuser"]
-    guidance: float = Field(1.2, ge=0, allow_inf_nan=False)  # ω
+    guidance: float = Field(1.2, ge=0)  # ω
     return_dropout: float = Field(0.25, ge=0, le=1)  # p
     asked_quantile: float = Field(0.9, ge=0, le=1)  # of the logs' returns: what a run asks for
 

@@ -208,7 +208,7 @@ def _own_folder(settings: RunSettings) -> Iterator[Path]:
     runs, name = Path("runs"), _name(settings)
     is_new = not runs.exists()
     names = itertools.chain([name], (f"{name}-{k}" for k in itertools.count(2)))
-    folder = next(path for path in (runs / name for name in names) if _taken(path))
+    folder = next(path for path in (runs / name for name in names) if _made(path))
     try:
         yield folder
     except BaseException:
@@ -219,8 +219,8 @@ def _own_folder(settings: RunSettings) -> Iterator[Path]:
         raise
 
 
-def _taken(folder: Path) -> bool:
-    """Make a folder, unless it is there."""
+def _made(folder: Path) -> bool:
+    """Make a folder; whether that was possible, or it is another run's."""
     if folder.exists():
         return False
     check_writable(folder, "out")

@@ -36,11 +36,11 @@ class DemandSpec(Settings):
     the others half start and half end inside it.
     """
 
-    vehicles_per_hour: float = Field(gt=0, le=1e6, allow_inf_nan=False)  # in the whole network
+    vehicles_per_hour: float = Field(gt=0, le=1e6)  # in the whole network
     course: Course = "constant"
     turns: tuple[float, float, float] = (0.1, 0.6, 0.3)
-    through: float = Field(0.0, ge=0, le=1, allow_inf_nan=False)
-    irregularity: float = Field(1.0, ge=0, le=1, allow_inf_nan=False)  # of headways
+    through: float = Field(0.0, ge=0, le=1)
+    irregularity: float = Field(1.0, ge=0, le=1)  # of headways
 
     @model_validator(mode="after")
     def _turns_are_shares(self) -> "DemandSpec":

@@ -32,13 +32,13 @@ class MaskMix(Settings):
     intersections. mixed: blind, burst and lane at once. Rates are drawn for each window.
     """
 
-    none: float = Field(0.15, ge=0, allow_inf_nan=False)
-    random: float = Field(0.3, ge=0, allow_inf_nan=False)
-    blind: float = Field(0.25, ge=0, allow_inf_nan=False)
-    near: float = Field(0.1, ge=0, allow_inf_nan=False)
-    lane: float = Field(0.1, ge=0, allow_inf_nan=False)
-    burst: float = Field(0.05, ge=0, allow_inf_nan=False)
-    mixed: float = Field(0.05, ge=0, allow_inf_nan=False)
+    none: float = Field(0.15, ge=0)
+    random: float = Field(0.3, ge=0)
+    blind: float = Field(0.25, ge=0)
+    near: float = Field(0.1, ge=0)
+    lane: float = Field(0.1, ge=0)
+    burst: float = Field(0.05, ge=0)
+    mixed: float = Field(0.05, ge=0)
 
     rate_min: float = Field(0.05, ge=0, le=1)  # of random, lane and burst, uniform
     rate_max: float = Field(0.9, ge=0, le=1)

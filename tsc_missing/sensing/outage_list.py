@@ -32,8 +32,8 @@ class Outage(Settings):
 
     intersection: str
     slot: str = ""
-    begin: float = Field(0.0, ge=0, allow_inf_nan=False)  # [s]
-    end: float = Field(math.inf, gt=0)  # [s]
+    begin: float = Field(0.0, ge=0)  # [s]
+    end: float = Field(math.inf, gt=0, allow_inf_nan=True)  # [s]
 
 
 COLUMNS = tuple(Outage.model_fields)

@@ -30,7 +30,7 @@ class TrainingSettings(StepSettings):
     told_all: float = Field(0.5, ge=0, le=1)  # share of windows whose neighbours tell everything
 
     batch: int = Field(1024, ge=1)  # [windows]
-    weight_decay: float = Field(1e-4, ge=0, allow_inf_nan=False)
+    weight_decay: float = Field(1e-4, ge=0)
     ema_decay: float = Field(0.999, ge=0, lt=1)
     precision: Precision = "bfloat16"
 

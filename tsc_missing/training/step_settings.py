@@ -10,8 +10,8 @@ class StepSettings(Settings):
 
     steps: int = Field(20_000, ge=1)
     batch: int = Field(512, ge=1)  # samples of a step
-    learning_rate: float = Field(1e-3, gt=0, allow_inf_nan=False)  # the highest
-    final_learning_rate: float = Field(1e-5, ge=0, allow_inf_nan=False)  # reached on a half cosine
+    learning_rate: float = Field(1e-3, gt=0)  # the highest
+    final_learning_rate: float = Field(1e-5, ge=0)  # reached on a half cosine
     warm_up: int = Field(200, ge=0)  # steps of rising learning rate
     gradient_norm: float = Field(1.0, gt=0)  # gradients longer than this are cut to it
     seed: int = Field(0, ge=0)
