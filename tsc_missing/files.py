@@ -6,13 +6,13 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from tsc_missing.errors import UserError
+from tsc_missing.errors import UserError, nearest
 
 T = TypeVar("T")
 
@@ -39,12 +39,28 @@ def parse(adapter: TypeAdapter[T], value: object, field: str, path: object) -> T
         raise UserError(field, path, first_problem(error)) from None
 
 
-def first_problem(error: ValidationError) -> str:
-    """The first of pydantic's complaints as words: where, what is there, what is wanted."""
+def first_problem(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """The first of pydantic's complaints as words: where, what is there, what is wanted.
+
+    ``model`` is what was validated: then a name that it does not have brings those that it has.
+    """
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"]) or "top level"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    known = _fields(model, first["loc"][:-1]) if first["type"] == "extra_forbidden" else ()
+    if known:
+        return f"at {place}: there is no such setting; {nearest(str(first['loc'][-1]), known)}"
     return f"at {place}: {first['msg']}, found {str(first['input'])[:60]!r}{more}"
+
+
+def _fields(model: object, place: Sequence[object]) -> tuple[str, ...]:
+    """The names of a model's fields, or of those of the group at ``place`` in it."""
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        return ()
+    if not place:
+        return tuple(model.model_fields)
+    field = model.model_fields.get(str(place[0]))
+    return () if field is None else _fields(field.annotation, place[1:])
 
 
 def sha256(path: Path) -> str:
@@ -126,3 +142,9 @@ def check_new_training(folder: Path) -> None:
     if folder.is_dir() and any(folder.iterdir()):
         raise UserError("out", folder, "it is there already; --resume goes on with it")
     check_writable(folder, "out")
+
+
+def check_begun_training(folder: Path, file: str) -> None:
+    """Raise ``UserError`` unless a training was begun in the folder; ``file`` is from its start."""
+    if not (folder / file).is_file():
+        raise UserError("resume", folder, f"no training was begun there (it has no {file})")

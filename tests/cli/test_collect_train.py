@@ -217,6 +217,8 @@ def test_trainings_into_a_file(command, small_net, config):
     (command.cwd / "file").touch()
     for out in ("file", "file/below"):
         refused(command, "train", "c.toml", "--out", out, words=[f"out: {out} is not allowed"])
+    new = ("c.toml", "--resume", "--out", "new")
+    refused(command, "train", *new, words=["--resume: new is not allowed; no training was begun"])
 
 
 def test_a_training_interrupted_twice_tells_of_what_it_saved(command, small_net):
@@ -266,10 +268,12 @@ def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
     ("options", "words"),
     [
         ((), "config"),
-        (("lookahead", "--steps", 3), "at steps"),
+        (("lookahead", "--steps", 3), "--steps: 3 is not allowed; the training lookahead has no"),
+        (("universal", "--workers", 3), "--workers: 3 is not allowed; the training universal"),
+        (("bc", "--steps", 0), "--steps: 0 is not allowed; Input should be greater"),
         (("--algorithm", "advanced-colite"), "did you mean advanced-colight?"),
         (("universal", "--algorithm", "value"), "give one of them"),
-        (("value", "--steps", 3), "at steps"),
+        (("value", "--steps", 3), "--steps: 3"),
         (("value", "--data", "nothing"), "nothing"),
     ],
 )

@@ -94,9 +94,14 @@ def test_weights_are_trained_further(settings, dataset, tmp_path):
         torch.testing.assert_close(tensor, before[name], atol=1e-4, rtol=0)
     assert any(not torch.equal(x, before[name]) for name, x in further.state_dict().items())
     run_until(more, dataset, tmp_path / "c", 2)
-    resumed, _ = load_weights(Training(more, dataset, tmp_path / "c", resume=True).run())
+    Training(settings.model_copy(update={"seed": 9}), dataset, tmp_path / "other").run()
+    first.write_bytes((tmp_path / "other" / first.name).read_bytes())
+    resumed, about_resumed = load_weights(
+        Training(more, dataset, tmp_path / "c", resume=True).run()
+    )
     for name, tensor in further.state_dict().items():
         assert torch.equal(tensor, resumed.state_dict()[name]), name
+    assert about_resumed["begun_from"] == about["checksum"]
 
 
 def test_weights_of_another_model_are_not_trained_further(settings, dataset, tmp_path):
@@ -171,12 +176,23 @@ def test_what_was_begun_otherwise_is_refused(settings, dataset, tmp_path):
     more = made_up_dataset(tmp_path / "more", {"one": grid_network(1, 1)}, episodes=1)
     with pytest.raises(UserError, match="another dataset"):
         Training(settings, more, tmp_path / "a", resume=True)
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="no training was begun there"):
         Training(settings, dataset, tmp_path / "b", resume=True)
     path = tmp_path / "a" / checkpoint.FILE
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(UserError, match="cut off"):
         Training(settings, dataset, tmp_path / "a", resume=True)
+
+
+def test_a_damaged_episode_is_found_before_anything_starts(settings, tmp_path):
+    data = made_up_dataset(tmp_path / "d", {"one": grid_network(1, 2)}, episodes=3)
+    last = sorted((data.path / "episodes").iterdir())[-1]
+    content = last.read_bytes()
+    for damage in (lambda: last.write_bytes(content[:-1]), last.unlink):
+        damage()
+        with pytest.raises(UserError, match=last.name):
+            Training(settings, data, tmp_path / "a")
+    assert not (tmp_path / "a").exists()
 
 
 def test_learning_rate(settings):
@@ -188,8 +204,8 @@ def test_learning_rate(settings):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("data = 'd'\nbach = 3", "at bach"),
-        ("data = 'd'\n[model]\nwidht = 64", "at model.widht"),
+        ("data = 'd'\nbach = 3", "at bach: there is no such setting; did you mean batch?"),
+        ("data = 'd'\n[model]\nwidht = 64", "at model.widht: .* did you mean width?"),
         ("data = 'd'\nsteps = 0", "at steps"),
         ("steps = 3", "at data"),
         ("data = ", "not valid TOML"),

@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # torch takes seconds
     from tsc_missing.qlearning.config import QLearningSettings
     from tsc_missing.training.config import TrainingSettings
 
+WORKERS = 2
+
 app = make_app(
     "Train the diffusion controller or a baseline on logs, or a Q-network in the closed loop."
 )
@@ -54,8 +56,11 @@ def train(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the config's.")] = None,
     workers: Annotated[
-        int, typer.Option(min=1, help="Q-learning, lookahead: simulations at a time.")
-    ] = 2,
+        int | None,
+        typer.Option(
+            min=1, help=f"Q-learning, lookahead: simulations at a time. Default: {WORKERS}."
+        ),
+    ] = None,
 ) -> None:
     """Train the diffusion controller, a baseline or a Q-network.
 
@@ -69,14 +74,17 @@ def train(
     name = _config(config, algorithm)
     changes = {"data": data, "steps": steps, "rounds": rounds, "seed": seed}
     settings = read_training(name, **{k: v for k, v in changes.items() if v is not None})
+    simulates = isinstance(settings, LookaheadSettings | QLearningSettings)
+    if workers is not None and not simulates:
+        raise UserError("workers", workers, f"the training {name} simulates nothing")
     parts = ["train", find_config(name).stem]
     if isinstance(settings, BaselineSettings):
         parts.append(settings.data.resolve().name)
     folder = out if out is not None else Path("runs", "-".join(parts))
     if isinstance(settings, LookaheadSettings):
-        print(_look_ahead(settings, folder, resume, workers))
+        print(_look_ahead(settings, folder, resume, workers or WORKERS))
     elif isinstance(settings, QLearningSettings):
-        print(_learn(settings, folder, resume, workers))
+        print(_learn(settings, folder, resume, workers or WORKERS))
     elif isinstance(settings, BaselineSettings):
         print(_imitate(settings, folder, resume))
     else:

@@ -34,7 +34,8 @@ def load_weights(path: Path) -> tuple[DiffLightModel, dict[str, Any]]:
     try:
         config = DiffLightConfig.model_validate(manifest.get("config"))
     except ValidationError as error:
-        raise UserError(FIELD, path, f"its config is not valid: {first_problem(error)}") from None
+        words = f"its config is not valid: {first_problem(error, DiffLightConfig)}"
+        raise UserError(FIELD, path, words) from None
     model = DiffLightModel(config)
     try:
         model.load_state_dict(tensors)

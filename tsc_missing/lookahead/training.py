@@ -12,7 +12,7 @@ from tsc_missing.config import SignalSettings
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_new_training, replace_file, sha256
+from tsc_missing.files import check_begun_training, check_new_training, replace_file, sha256
 from tsc_missing.lookahead.believed import read_beliefs, write_beliefs
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
 from tsc_missing.lookahead.episode import play_episode, read_played
@@ -124,6 +124,7 @@ class LookaheadTraining:
                 raise UserError(name, mine, words)
 
     def _check_same(self) -> None:
+        check_begun_training(self.folder, SETTINGS)
         before = read_settings(self.folder, "resume").model_dump(mode="json")
         for name, value in self.settings.model_dump(mode="json", exclude=set(LEARNING)).items():
             if value != before[name]:

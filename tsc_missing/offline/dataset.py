@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from tsc_missing.errors import UserError
 from tsc_missing.files import parse, read_json, replace_file, sha256
+from tsc_missing.network.folder import RECORD
 from tsc_missing.network.model import Network
 from tsc_missing.network.records import NetworkRecord
 from tsc_missing.offline.log import FIELD, EpisodeLog, read_log
@@ -111,14 +112,23 @@ class Dataset:
             raise UserError(FIELD, path, "it is another network than the episodes are of")
         return Network(source.scenario, parse(_RECORD, value, FIELD, path))
 
-    def load(self, number: int) -> EpisodeLog:
-        """The log of an episode; ``UserError`` if its file is not the one that was collected."""
+    def check_episodes(self) -> None:
+        """Raise ``UserError`` if the file of an episode is not the one that was collected."""
+        for number in range(len(self.manifest.episodes)):
+            self._file(number)
+
+    def _file(self, number: int) -> Path:
         entry = self.manifest.episodes[number]
         path = self.path / EPISODES / entry.spec.file
         if not path.is_file():
             raise UserError(FIELD, path, "the episode is missing")
         if sha256(path) != entry.checksum:
             raise UserError(FIELD, path, "the episode was changed or damaged (other checksum)")
+        return path
+
+    def load(self, number: int) -> EpisodeLog:
+        """The log of an episode; ``UserError`` if its file is not the one that was collected."""
+        entry, path = self.manifest.episodes[number], self._file(number)
         log, _ = read_log(path)
         if log.phase.shape != (entry.steps, self.networks[entry.spec.net].n):
             raise UserError(FIELD, path, "it is of another network than its dataset says")
@@ -132,6 +142,8 @@ def read_dataset(path: Path) -> Dataset:
     if not (path / MANIFEST).is_file():
         if (path / PLAN).is_file():
             raise UserError(FIELD, path, "its collection is not finished; tsc-collect goes on")
+        if (path / RECORD).is_file():
+            raise UserError(FIELD, path, "it is a network; tsc-collect --net makes a dataset of it")
         raise UserError(FIELD, path, f"it has no {MANIFEST}, so it is no dataset")
     value = read_json(path / MANIFEST, FIELD)
     found = value.get("format") if isinstance(value, dict) else None

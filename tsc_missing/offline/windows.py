@@ -50,6 +50,7 @@ class WindowSampler:
         renew: int = 4,
     ) -> None:
         """``resident`` and ``renew``: see ``EpisodePool``."""
+        self._path = dataset.path
         self._history = history
         self._length = history + horizon
         shortest = min(entry.steps for entry in dataset.manifest.episodes)
@@ -79,7 +80,7 @@ class WindowSampler:
         pool = self._pool
         usable = np.flatnonzero([len(sensed) > 0 for sensed in pool.sensed])
         if not len(usable):
-            raise UserError(FIELD, "the dataset", "it must have something recorded")
+            raise UserError(FIELD, self._path, "it must have something recorded")
         place = usable[rng.integers(len(usable), size=count)]
         which, where = rng.random((2, count))
         sizes = np.array([len(sensed) for sensed in pool.sensed])

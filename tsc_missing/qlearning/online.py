@@ -13,14 +13,14 @@ from torch import Tensor
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_new_training, sha256
+from tsc_missing.files import check_begun_training, check_new_training, sha256
 from tsc_missing.network.model import Network
 from tsc_missing.offline.dataset import Dataset, read_dataset
 from tsc_missing.offline.episode import play
 from tsc_missing.offline.log import EpisodeLog, read_log, write_log
 from tsc_missing.offline.policies import Exploring
 from tsc_missing.processes import worker_processes
-from tsc_missing.qlearning.checkpoint import load_learner, save_learner
+from tsc_missing.qlearning.checkpoint import CHECKPOINT, load_learner, save_learner
 from tsc_missing.qlearning.config import QLearningSettings
 from tsc_missing.qlearning.controller import QPolicy
 from tsc_missing.qlearning.learner import Learner
@@ -118,6 +118,7 @@ class QTraining:
         if settings.start is not None:
             self._inputs["start"] = sha256(find_weights(settings.start))
         if resume:
+            check_begun_training(folder, CHECKPOINT)
             check_inputs(folder, self._inputs)
             self.round = load_learner(folder, settings, self.learner)
         else:

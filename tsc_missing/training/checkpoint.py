@@ -29,6 +29,7 @@ class Progress(BaseModel):
     wall_seconds: float  # spent in all
     settings: dict[str, Any]
     data: str  # the dataset's checksum
+    begun_from: str | None = None  # the checksum of the weights that are trained further
 
 
 def write_checkpoint(path: Path, tensors: dict[str, Tensor], at: Progress) -> None:

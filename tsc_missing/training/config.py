@@ -58,10 +58,16 @@ def read_training(
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(FIELD, path, f"not valid TOML: {error}") from None
     kind = _kind(values, path)
+    for name, value in changes.items():
+        if name not in kind.model_fields:
+            raise UserError(name, value, f"the training {path.stem} has no such setting")
     try:
         return kind.model_validate({**values, **changes})
     except ValidationError as error:
-        raise UserError(FIELD, path, first_problem(error)) from None
+        for wrong in error.errors():
+            if wrong["loc"] and (name := str(wrong["loc"][0])) in changes:
+                raise UserError(name, changes[name], wrong["msg"]) from None
+        raise UserError(FIELD, path, first_problem(error, kind)) from None
 
 
 def _kind(

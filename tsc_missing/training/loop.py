@@ -46,7 +46,8 @@ class Training(StepTraining[TrainingSettings, Seen]):
         """Check everything that can be wrong, and load the checkpoint to resume from."""
         super().__init__(settings, dataset, folder)
         self.model = DiffLightModel(settings.model).use(settings.precision)
-        self._begun_from = _begin_with(self.model, settings.begin) if settings.begin else None
+        if settings.begin and not resume:
+            self._begun_from = _begin_with(self.model, settings.begin)
         self.ema = Ema(self.model, settings.ema_decay)
         self._optimiser = torch.optim.AdamW(
             self.model.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
@@ -63,6 +64,7 @@ class Training(StepTraining[TrainingSettings, Seen]):
         )
         self._means: _Means | None = None  # since the first step of this process
         self._begin(resume, RESUMABLE)
+        dataset.check_episodes()
 
     def _advance(self) -> Seen:
         self._means = self._means or _Means(self.settings)

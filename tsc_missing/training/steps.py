@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import check_new_training
+from tsc_missing.files import check_begun_training, check_new_training
 from tsc_missing.offline.dataset import Dataset
 from tsc_missing.seeding import stream
 from tsc_missing.training import checkpoint
@@ -49,6 +49,7 @@ class StepTraining(ABC, Generic[P, S]):
         self.settings = settings
         self._dataset = dataset
         self._wall = 0.0
+        self._begun_from: str | None = None  # the checksum of weights that are trained further
         torch.manual_seed(int(stream(settings.seed, "weights").integers(2**31)))
 
     @property
@@ -64,6 +65,7 @@ class StepTraining(ABC, Generic[P, S]):
         if not resume:
             check_new_training(self.folder)
             return
+        check_begun_training(self.folder, checkpoint.FILE)
         at, tensors = checkpoint.load_checkpoint(self.checkpoint)
         checkpoint.check_same(self.folder, at, self.settings, resumable, self._dataset)
         try:
@@ -72,6 +74,7 @@ class StepTraining(ABC, Generic[P, S]):
             words = "its tensors are not those of its model"
             raise UserError(checkpoint.FIELD, self.checkpoint, words) from None
         self.step, self._wall = at.step, at.wall_seconds
+        self._begun_from = at.begun_from
 
     def run(
         self, watch: Callable[[S], None] | None = None, stop: Callable[[], bool] = lambda: False
@@ -127,6 +130,7 @@ class StepTraining(ABC, Generic[P, S]):
             wall_seconds=wall_seconds,
             settings=self.settings.model_dump(mode="json"),
             data=self._dataset.checksum,
+            begun_from=self._begun_from,
         )
         checkpoint.write_checkpoint(self.checkpoint, self._tensors(), at)
 
