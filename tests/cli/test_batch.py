@@ -158,6 +158,10 @@ def test_mistakes_are_found_before_anything_starts(command, small_net):
     assert done.returncode == 0
     assert f"left out, no weights: {lacking}" in done.stderr
     assert done.stdout.count("to run") == 2
+    write_suite(command, small_net, methods='"difflight"')
+    weights = ("--set", "q_weights=nowhere")
+    words = ["method difflight, weights: nowhere is not allowed"]
+    refused(command, "batch", "small.toml", *weights, words=words)
     assert not (command.cwd / "runs").exists()
     (command.cwd / "other").mkdir()
     (command.cwd / "other" / "file").touch()

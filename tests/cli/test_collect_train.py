@@ -135,6 +135,8 @@ def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
         (("--net", "jnan"), "did you mean"),
         (("--missing", "random", "--rate", "2"), "rate"),
         (("--missing", "random"), "--missing random needs a rate from 0 to 1"),
+        (("--missing", "random", "--rate", "1"), "--rate: 1.0 is not allowed"),
+        (("--missing", "lane", "--rate", "0"), "--rate: 0.0 is not allowed"),
     ],
 )
 def test_bad_collections(command, options, words):

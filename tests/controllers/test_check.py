@@ -57,8 +57,14 @@ def test_good_controllers_pass(make):
         (lambda: Scripted([0, 0]), "must return a NumPy array"),
         (lambda: Scripted(np.zeros(3, dtype=int)), r"must return the shape \(2,\), not \(3,\)"),
         (lambda: Scripted(np.zeros(2)), "must return integers, not float64"),
-        (lambda: Scripted(np.array([0, 3])), "phase 3 is not at intersection B, which has 3"),
-        (lambda: Scripted(np.array([-1, 0])), "phase -1 is not at intersection A"),
+        (
+            lambda: Scripted(np.array([0, 3])),
+            "at intersection B must be .* 3 phases, 0 to 2, not 3",
+        ),
+        (
+            lambda: Scripted(np.array([-1, 0])),
+            "at intersection A must be .* 4 phases, 0 to 3$",
+        ),
         (lambda: Scripted(scribbles), "must not change observation.red_steps"),
         (Counting, "after reset the same seed"),
         (OneSeedEach, "two controllers with the same seed"),

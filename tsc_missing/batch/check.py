@@ -44,7 +44,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         problem = problems[key]
         if problem is None:
             there.append(run)
-        elif problem.field == WEIGHTS:
+        elif problem.field == WEIGHTS and (skip or _is_made_by_a_command(run)):
             method, command = _lacks(run)
             lacking[method] = _also(lacking.get(method), command)
         else:
@@ -58,6 +58,11 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
             verdict=LACKING,
         )
     return tuple(there), lacking
+
+
+def _is_made_by_a_command(run: RunSpec) -> bool:
+    """Whether it is known what makes a run's weights; else somebody wrote a name or a path."""
+    return run.train is not None or run.settings.controller in BASELINES
 
 
 def _lacks(run: RunSpec) -> tuple[str, str]:

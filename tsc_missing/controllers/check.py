@@ -89,7 +89,10 @@ def _check_phases(answer: object, network: Network, where: str) -> None:
     )
     for n, phase in enumerate(answer):
         count = int(network.phase_mask[n].sum())
+        # of an own controller, what is no phase comes here as -1
+        found = f", not {phase}" if phase >= 0 else ""
         require(
             0 <= phase < count,
-            f"{where} phase {phase} is not at intersection {network.ids[n]}, which has {count}",
+            f"{where} the answer at intersection {network.ids[n]} must be one of its {count} "
+            f"phases, 0 to {count - 1}{found}",
         )

@@ -3,7 +3,7 @@
 from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from tsc_missing.config import SEEDS, MissingSettings, RunSettings, Settings
 from tsc_missing.controllers.base import Controller
@@ -35,6 +35,13 @@ class CollectSettings(Settings):
     episodes: int = Field(60, ge=1)
     code: dict[str, str] = Field(default_factory=dict)  # SHA-256 of users' own policies' files
     seed: int = Field(0, ge=0, lt=SEEDS)
+
+    @field_validator("missing")
+    @classmethod
+    def _leaves_something(cls, missing: MissingSettings) -> MissingSettings:
+        if missing.pattern not in ("none", "file") and not 0 < missing.rate < 1:
+            raise ValueError("the rate of holes must be above 0 and below 1")
+        return missing
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:
