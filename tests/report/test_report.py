@@ -4,6 +4,7 @@ import base64
 import html.parser
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from tsc_missing.report.markdown import escaped, mean_words, signed
 from tsc_missing.report.paper import paper_table
 from tsc_missing.report.queue_map import map_runs
 from tsc_missing.report.queues import smooth
-from tsc_missing.report.results import read_results
+from tsc_missing.report.results import Results, read_results
 from tsc_missing.report.statistics import mean_of, paired, ratio_of
 from tsc_missing.report.style import COLOURS, GREY, End, label_ends, looks, panels
 from tsc_missing.report.tables import (
@@ -29,6 +30,7 @@ from tsc_missing.report.tables import (
     pooled_table,
     ranking,
     result_table,
+    warnings,
 )
 
 positive = st.floats(1.0, 1e4)
@@ -136,6 +138,30 @@ def test_the_paper_beside_ours(results):
     assert paper == pytest.approx(329.67 / 268.9, abs=5e-4)
     assert ours == pytest.approx((290 + 5 + 3 - 60) / (300 + 3 - 60), abs=5e-4)
     assert quotient == pytest.approx(ours / paper, abs=2e-3)
+
+
+def test_runs_unlike_the_papers_are_not_beside_it(results):
+    def shorter(run):
+        settings = run.spec.settings.model_copy(update={"horizon": 1800})
+        return replace(run, spec=run.spec.model_copy(update={"settings": settings}))
+
+    assert paper_table(Results(results.plans, map(shorter, results.runs))) == []
+
+
+def test_trained_weights_are_in_the_order_of_what_they_were_trained_on(results):
+    runs = [run for run in reversed(results.runs) if run.spec.trained]
+    assert Results(results.plans, runs).methods == ("rate 10", "rate 50")
+
+
+def test_vehicles_that_stay_outside_are_told_of(results):
+    assert warnings(results) == []
+    first = results.runs[0]
+    many, few = ({**first.row, "demand_vehicles": 1000, "never_inserted": n} for n in (11, 10))
+    (words,) = warnings(Results(results.plans, [replace(first, row=many)]))
+    assert words == (
+        f"Diff\\_Light: 1 run with more than 1 % of the vehicles outside (`{first.spec.name}`)"
+    )
+    assert warnings(Results(results.plans, [replace(first, row=few)])) == []
 
 
 def test_generalisation_is_relative_to_the_tested_rate(results):

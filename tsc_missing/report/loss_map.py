@@ -94,7 +94,7 @@ def _draw(network: Network, run: Run, costs: FloatArray, metric: str) -> Figure:
     sizes = choose_sizes(network, roads)
     tried = np.isfinite(costs)
     top = max(0.01, float(costs[tried].max()))
-    norm = Normalize(0.0, top)
+    norm = Normalize(min(0.0, float(costs[tried].min())), top)
     dot: dict[str, Any] = {"ls": "", "marker": "o", "mec": INK, "mew": 0.9, "ms": 10}
     entries = [
         (Line2D([], [], mfc="#fd8d3c", **dot), "its sensors silent, others not"),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from tsc_missing.batch.suite import RunSpec
+from tsc_missing.config import RunSettings
 from tsc_missing.paths import bundled
 from tsc_missing.report.markdown import NOTHING, escaped, table
 from tsc_missing.report.results import NOTHING_MISSING, Results
@@ -78,7 +79,7 @@ def condition_of(spec: RunSpec, steps: bool) -> Condition:
 
 def find_number(tables: tuple[str, ...], dataset: str, spec: RunSpec) -> float | None:
     """What the first of the paper's ``tables`` that has it says of a run's method and case."""
-    if spec.paper is None:
+    if spec.paper is None or not _is_comparable(spec.settings):
         return None
     numbers = paper_numbers()
     for name in tables:
@@ -89,13 +90,26 @@ def find_number(tables: tuple[str, ...], dataset: str, spec: RunSpec) -> float |
     return None
 
 
+def _is_comparable(settings: RunSettings) -> bool:
+    """Whether an hour is simulated, at the volume and with the sensors and decisions of the paper.
+
+    Those are the defaults here.
+    """
+    paper = RunSettings()
+    return (
+        (settings.horizon, settings.volume) == (paper.horizon, paper.volume)
+        and settings.sensor == paper.sensor
+        and settings.signals.decision_interval == paper.signals.decision_interval
+    )
+
+
 def paper_table(results: Results) -> list[str]:
     """A row a dataset, case and method that the paper has too: both ratios, and their quotient."""
     named = dict.fromkeys(t for plan in results.plans for t in plan.suite.paper)
     tables = tuple(name for name in named if not name.endswith(TIMES))
     rows = []
-    for cell, runs in results.by_cell.items():
-        run = next(iter(runs.values()))
+    for cell in results.ordered_cells:
+        run = next(iter(results.by_cell[cell].values()))
         dataset = run.row["scenario"]
         theirs = find_number(tables, dataset, run.spec)
         base = paper_numbers().get((COMMON_TABLE, dataset, Condition(), COMMON))

@@ -62,7 +62,13 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
         found = total_queue(list(runs.values()))
         if found is not None:
             lines[cell] = (found[0], smooth(*found))
-    wanted = list(dict.fromkeys((cell.dataset, cell.case) for cell in lines))
+    there = {(cell.dataset, cell.case) for cell in lines}
+    wanted = [
+        (dataset, case)
+        for dataset in results.datasets
+        for case in results.cases(dataset)
+        if (dataset, case) in there
+    ]
     if not wanted:
         return None
     shown = [m for m in results.methods if any(cell.method == m for cell in lines)]

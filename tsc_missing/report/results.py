@@ -67,6 +67,17 @@ class Results:
             found.setdefault(cell, {})[run.spec.settings.seed] = run
         return found
 
+    @property
+    def ordered_cells(self) -> list[Cell]:
+        """Those of ``by_cell`` by dataset, case and method."""
+        cells = (
+            Cell(dataset, case, method)
+            for dataset in self.datasets
+            for case in self.cases(dataset)
+            for method in self.methods
+        )
+        return [cell for cell in cells if cell in self.by_cell]
+
     @cached_property
     def datasets(self) -> tuple[str, ...]:
         """In the order of the suites."""
@@ -74,7 +85,10 @@ class Results:
 
     def cases(self, dataset: str) -> tuple[str, ...]:
         """Of a dataset: nothing missing, then patterns as in the suites, each by its rates."""
-        runs = [run for run in self.finished if run.spec.dataset == dataset]
+        return self._ordered([run for run in self.finished if run.spec.dataset == dataset])
+
+    def _ordered(self, runs: Sequence[Run]) -> tuple[str, ...]:
+        """Their cases: nothing missing, then patterns as in the suites, each by its rates."""
         patterns = list(dict.fromkeys(map(_pattern, runs)))
 
         def place(run: Run) -> tuple[bool, int, float]:
@@ -85,8 +99,13 @@ class Results:
 
     @cached_property
     def methods(self) -> tuple[str, ...]:
-        """In the order of the suites."""
-        return tuple(dict.fromkeys(run.spec.method for run in self.finished))
+        """In the order of the suites; weights by the case that they were trained on."""
+        trained = {run.spec.method: run.spec.trained for run in self.finished}
+        if None in trained.values():
+            return tuple(trained)
+        cases = list(self._ordered(self.finished))
+        place = {name: cases.index(case) if case in cases else -1 for name, case in trained.items()}
+        return tuple(sorted(trained, key=lambda name: place[name]))
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:

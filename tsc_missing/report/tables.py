@@ -17,6 +17,7 @@ from tsc_missing.report.statistics import mean_of, paired, ratio_of
 
 SEES_ALL = "°"
 MOST_COLUMNS = 10  # cases beside each other
+OUTSIDE = 0.01  # share of the demand that never entered, from which it is worth a word
 
 
 def named(results: Results, method: str) -> str:
@@ -204,13 +205,18 @@ def warnings(results: Results) -> list[str]:
     """What a reader must know about runs that did not go as runs should."""
     counts: dict[tuple[str, str], list[str]] = {}
     for run in results.finished:
+        most = {"never_inserted": OUTSIDE * run.row["demand_vehicles"]}
         for key, words in (
             ("gridlock", "gridlocked at the end"),
             ("fallbacks", "answered by the safe fallback in part"),
             ("collisions", "with collisions"),
             ("teleports", "with teleports"),
+            (
+                "never_inserted",
+                f"with more than {100 * OUTSIDE:.0f} % of the vehicles outside",
+            ),
         ):
-            if run.row[key]:
+            if run.row[key] > most.get(key, 0):
                 counts.setdefault((run.spec.method, words), []).append(run.spec.name)
     return [
         f"{escaped(method)}: {len(names)} {'run' if len(names) == 1 else 'runs'} {words} "
