@@ -132,3 +132,10 @@ def test_approaches_go_silent_one_by_one(command, small_net):
     done = command("batch", "s/suite.toml", "--list")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("to run") == 3 * (count + 1)
+
+
+@pytest.mark.parametrize("method", ["fixed-time", "actuated"])
+def test_no_suite_for_what_reads_no_sensor(command, small_net, method):
+    options = ("net", "outages", small_net, "--out", "sensors", "--method", method)
+    check_refusal(command, *options, words=[f"--method: {method} is not allowed", "no sensor"])
+    assert not (command.cwd / "sensors").exists()

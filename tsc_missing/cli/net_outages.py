@@ -8,6 +8,7 @@ import typer
 
 from tsc_missing.cli.options import NetArgument
 from tsc_missing.config import RunSettings
+from tsc_missing.errors import UserError
 
 DEFAULT = RunSettings()
 
@@ -29,10 +30,14 @@ def outages(
 ) -> None:
     """Write a suite that takes the sensors away one after the other: which is missed most?"""
     from tsc_missing.batch.outage_suite import SUITE, write_outage_suite
+    from tsc_missing.controllers.catalogue import looks_at_nothing
     from tsc_missing.evaluation.scenario import find_scenario
 
     scenario = find_scenario(net, DEFAULT.demand)
     methods = list(dict.fromkeys(method or [DEFAULT.controller]))
+    for name in methods:
+        if looks_at_nothing(name):
+            raise UserError("--method", name, "it reads no sensor, so it has none to miss")
     horizon = round(scenario.folder.manifest.horizon or DEFAULT.horizon)
     block = {"method": methods, "net": net, "seed": list(range(seeds)), "horizon": horizon}
     names = write_outage_suite(scenario.folder.network, out, each == "approach", block)

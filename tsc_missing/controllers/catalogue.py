@@ -60,6 +60,11 @@ def needs_values(name: str) -> bool:
     return is_learned(name) or (name in CONTROLLERS and CONTROLLERS[name]().needs_values)
 
 
+def looks_at_nothing(name: str) -> bool:
+    """Whether no sensor of ours matters to it: a fixed plan, or a program that SUMO runs."""
+    return name in NATIVE or (name in CONTROLLERS and not CONTROLLERS[name]().needs_values)
+
+
 def by_value(name: str, diffusion: DiffusionSettings) -> bool:
     """Whether it is DiffLight that decides by the values of a Q-network."""
     return name == DIFFLIGHT and diffusion.scoring == "value"
