@@ -229,11 +229,30 @@ def test_actuated_signals_without_a_minimum_green(command, small_net):
     assert run_json(command, *words, "--min-green", 0)["result"]["finished"] > 0
 
 
-def test_an_imputer_that_nobody_asks_is_said(command, small_net):
+@pytest.mark.parametrize(
+    ("controller", "unused"),
+    [
+        ("fixed-time", ("--imputer", "last")),
+        ("max-queue", ("--weights", "nowhere")),
+        ("max-queue", ("--policy-weights", "nowhere")),
+        ("max-queue", ("--scoring", "queue")),
+        ("max-queue", ("--samples", "9")),
+    ],
+)
+def test_an_option_that_does_nothing_is_said(command, small_net, controller, unused):
     words = ("--net", small_net, "--horizon", 60, "--missing", "random", "--rate", 0.5)
-    done = command("run", *words, "--controller", "fixed-time", "--imputer", "last")
+    done = command("run", *words, "--controller", controller, *unused)
     assert done.returncode == 0, done.stderr
-    assert "warning: fixed-time asks no imputer, so --imputer last did" in done.stdout
+    said = f"warning: {controller} has no use for {' '.join(unused)}, which did nothing"
+    assert [said] == [line for line in done.stdout.splitlines() if "warning" in line]
+
+
+def test_what_does_something_is_not_warned_of(command, small_net):
+    words = ("--net", small_net, "--horizon", 60, "--missing", "random", "--rate", 0.5)
+    diffusion = ("--imputer", "diffusion", "--sampling-steps", 1, "--weights", "universal")
+    done = command("run", *words, "--controller", "max-queue", *diffusion)
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stdout
 
 
 def test_a_scratch_folder_that_sumo_cannot_name(command, small_net, tmp_path):

@@ -11,6 +11,7 @@ from tsc_missing.cli.options import missing_rate, option_error
 from tsc_missing.network.folder import bundled_profiles
 from tsc_missing.offline.dataset import EPISODES, Dataset
 from tsc_missing.offline.plan import CollectSettings
+from tsc_missing.offline.policies import POLICIES
 
 app = make_app("Collect an offline dataset: behaviour policies with exploration, in closed loop.")
 
@@ -31,7 +32,11 @@ def collect(
         DEFAULT.episodes
     ),
     demand: Annotated[
-        str, typer.Option(help="profile, recorded, or auto: either, volume 1 where it is fixed.")
+        str,
+        typer.Option(
+            help="profile: the bundled demand; recorded: what was imported, at volume 1; auto: the "
+            "bundled demand if there is one, else the network's own."
+        ),
     ] = DEFAULT.demand,
     volume_min: Annotated[float, typer.Option(help="Least volume of an episode.")] = (
         DEFAULT.volume_min
@@ -40,7 +45,11 @@ def collect(
         DEFAULT.volume_max
     ),
     policy: Annotated[
-        list[str] | None, typer.Option(help="A behaviour policy; repeatable. Default: all.")
+        list[str] | None,
+        typer.Option(
+            help=f"A behaviour policy; repeatable. Default: {', '.join(DEFAULT.policies)}. "
+            f"Also: {', '.join(sorted({*POLICIES} - {*DEFAULT.policies}))}, FILE.py:CLASS."
+        ),
     ] = None,
     epsilon_min: Annotated[float, typer.Option(help="Least share of random decisions.")] = (
         DEFAULT.epsilon_min

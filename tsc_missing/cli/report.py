@@ -19,7 +19,10 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="The report's folder; an earlier report there is replaced."),
+        typer.Option(
+            help="The report's folder, where an earlier report is replaced. "
+            "Default: report/ in the first of RESULTS."
+        ),
     ] = None,
     metric: Annotated[
         str, typer.Option(help="The result field that is reported (docs/metrics.md).")

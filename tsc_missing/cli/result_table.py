@@ -7,11 +7,19 @@ from rich.console import Console
 from rich.table import Table
 
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers.catalogue import NATIVE, needs_values
+from tsc_missing.controllers.catalogue import (
+    DIFFLIGHT,
+    NATIVE,
+    by_value,
+    is_learned,
+    needs_values,
+)
+from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Prepared
+from tsc_missing.imputation.registry import DIFFUSION
 
 
 def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
@@ -25,7 +33,7 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    more = (_native, _unused_imputer, _other_interval, _fallback, _observed_in_the_log)
+    more = (_native, _unused, _other_interval, _fallback, _observed_in_the_log)
     for warning in [*warnings(result), *chain(*(tell(prepared) for tell in more))]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
@@ -40,11 +48,25 @@ def _native(prepared: Prepared) -> list[str]:
     ]
 
 
-def _unused_imputer(prepared: Prepared) -> list[str]:
-    settings = prepared.settings
-    if settings.imputer == RunSettings().imputer or needs_values(settings.controller):
-        return []
-    return [f"{settings.controller} asks no imputer, so --imputer {settings.imputer} did nothing"]
+def _unused(prepared: Prepared) -> list[str]:
+    """Options that were given and did nothing for this controller."""
+    settings, usual = prepared.settings, RunSettings()
+    name, found, default = settings.controller, settings.diffusion, usual.diffusion
+    values, decides = needs_values(name), by_value(name, found)
+    generates = name in (DIFFLIGHT, DIFFLIGHT_PAPER) or (values and settings.imputer == DIFFUSION)
+    given = (
+        ("--imputer", settings.imputer, usual.imputer, values),
+        ("--weights", found.weights, default.weights, generates),
+        ("--sampling-steps", found.sampling_steps, default.sampling_steps, generates),
+        ("--samples", found.samples, default.samples, decides),
+        ("--scoring", found.scoring, default.scoring, name == DIFFLIGHT),
+        ("--policy-weights", settings.q_weights, usual.q_weights, decides or is_learned(name)),
+    )
+    return [
+        f"{name} has no use for {option} {value}, which did nothing"
+        for option, value, default_value, is_used in given
+        if value != default_value and not is_used
+    ]
 
 
 def _other_interval(prepared: Prepared) -> list[str]:
@@ -112,7 +134,7 @@ def rows(result: Result) -> list[tuple[str, str, str]]:
             f"finished; {result.never_inserted} never entered",
         ),
         ("queue", f"{result.mean_queue:.1f}", "vehicles below 0.1 m/s, mean over the run"),
-        ("missing", f"{100 * result.missing_share:.1f} %", "of lane readings"),
+        ("missing", f"{100 * result.missing_share:.1f} %", "of movement readings"),
     ]
     if result.imputation_mae is not None:
         lines.append(

@@ -30,19 +30,27 @@ def run(
         str, typer.Option(help="A network's name (jinan, hangzhou_2, …) or a network folder.")
     ] = DEFAULT.net,
     demand: Annotated[
-        str, typer.Option(help="profile (bundled), recorded (imported), or auto.")
+        str,
+        typer.Option(
+            help="profile: the bundled demand; recorded: what was imported; auto: the "
+            "bundled demand if there is one, else the network's own."
+        ),
     ] = DEFAULT.demand,
     volume: Annotated[
         float, typer.Option(help="Scales the arrivals of a profile.")
     ] = DEFAULT.volume,
     controller: Annotated[
         str,
-        typer.Option(help="Who decides; see the README for the names. FILE.py:CLASS: your own."),
+        typer.Option(
+            help="Who decides: difflight, max-queue, fixed-time, … (a wrong name lists all). "
+            "FILE.py:CLASS: your own."
+        ),
     ] = DEFAULT.controller,
     imputer: Annotated[
         str,
         typer.Option(
-            help="What fills the holes for controllers that need values. FILE.py:CLASS: your own."
+            help="What fills the holes for controllers that need values: sfm-4, sfm, last, mean or "
+            "diffusion. FILE.py:CLASS: your own."
         ),
     ] = DEFAULT.imputer,
     blind: Annotated[
@@ -65,7 +73,9 @@ def run(
     ] = DEFAULT.diffusion.sampling_steps,
     samples: Annotated[
         int,
-        typer.Option(help="Scoring value: samples of what may be where nothing is seen."),
+        typer.Option(
+            help="Scoring value: how many possible states of an unseen intersection are drawn."
+        ),
     ] = DEFAULT.diffusion.samples,
     scoring: Annotated[
         str, typer.Option(help="difflight: what scores phases: inverse, queue, mixed or value.")
@@ -75,7 +85,7 @@ def run(
         typer.Option(
             "--policy-weights",
             "--q-weights",
-            help="attendlight, …-colight, bc, cql, …, scoring value: weights, a name or a path.",
+            help="Weights of a learned controller or of scoring value: a name or a path.",
         ),
     ] = DEFAULT.q_weights,
     missing: Annotated[
@@ -135,8 +145,8 @@ def run(
     min_space: Annotated[
         int | None,
         typer.Option(
-            help="Vehicles a lane for which roads between intersections shall have room; one that "
-            "has less is served first. 0: none; fixed plans stay as they are.",
+            help="A road between intersections that has room for fewer than so many more vehicles "
+            "on a lane gets green first. 0: none; fixed plans stay as they are.",
             show_default=f"{MIN_SPACE} for difflight by values, else 0",
         ),
     ] = DEFAULT.signals.min_space,

@@ -100,7 +100,9 @@ def _recorded(name: str, path: Path, demand: str) -> Scenario:
     folder = read_folder(path, name)
     if demand == "profile":
         raise UserError(
-            "demand", "profile", f"{name} has no profile, only the demand in its folder"
+            "demand",
+            "profile",
+            f"{name} has no bundled demand, only its own: auto or recorded takes that",
         )
     if folder.routes_file is None:
         words = "import it with --routes, --flow or --vehicles-per-hour"
