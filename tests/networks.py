@@ -68,6 +68,22 @@ def grid_network(
     return Network(name, record)
 
 
+def sharing_lanes(network: Network) -> Network:
+    """The same grid with right turns and straight traffic on one lane."""
+
+    def shared(node: IntersectionRecord) -> IntersectionRecord:
+        links = [
+            link.model_copy(update={"from_lane": link.from_lane.removesuffix("_0") + "_1"})
+            if link.from_lane.endswith("_0")
+            else link
+            for link in node.links
+        ]
+        return node.model_copy(update={"links": tuple(links)})
+
+    nodes = tuple(map(shared, network.intersections))
+    return Network(network.name, network.record.model_copy(update={"intersections": nodes}))
+
+
 def tee_network(name: str = "tee") -> Network:
     """A 2 x 3 grid whose intersection ``n_2_2`` is a T-junction: no road on its north side."""
     return grid_network(2, 3, name, closed=[(2, 2, N)])

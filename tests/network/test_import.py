@@ -210,3 +210,42 @@ def test_bad_roadnets_name_the_place(tmp_path, change, words):
     roadnet, _ = write(tmp_path, grid_roadnet(1, 1), [])
     with pytest.raises(UserError, match=words):
         read_roadnet(spoil(roadnet, change))
+
+
+def with_phases(*phases):
+    """A crossing whose light phases are of (type, direction of travel) each."""
+    content = grid_roadnet(1, 1)
+    node = next(i for i in content["intersections"] if not i["virtual"])
+    links = [(link["type"], link["startRoad"][-1]) for link in node["roadLinks"]]
+    node["trafficLight"]["lightphases"] = [
+        {"time": 30, "availableRoadLinks": [k for k, link in enumerate(links) if link in phase]}
+        for phase in phases
+    ]
+    return content
+
+
+EAST, NORTH, WEST, SOUTH = (("go_straight", d) for d in "0123")
+EAST_LEFT, NORTH_LEFT, WEST_LEFT, SOUTH_LEFT = (("turn_left", d) for d in "0123")
+
+
+@pytest.mark.parametrize(
+    ("phase", "words"),
+    [
+        ({EAST, WEST, NORTH, SOUTH}, "straight from road_.* and straight from road_.* cross"),
+        ({EAST, NORTH_LEFT}, "left from road_.* and straight from road_|straight .* left"),
+        ({EAST_LEFT, NORTH_LEFT}, "left from .* left from"),
+    ],
+)
+def test_phases_whose_greens_conflict_are_refused(tmp_path, phase, words):
+    content = with_phases(phase, {EAST, WEST}, {NORTH, SOUTH})
+    roadnet, _ = write(tmp_path, content, [])
+    with pytest.raises(UserError, match=rf"roadnet.json .* light phase 0: .*({words})"):
+        import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    assert not (tmp_path / "net").exists()
+
+
+def test_left_turns_across_oncoming_traffic_may_share_its_phase(tmp_path):
+    content = with_phases({EAST, WEST, EAST_LEFT, WEST_LEFT}, {NORTH, SOUTH, NORTH_LEFT})
+    roadnet, _ = write(tmp_path, content, [])
+    import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    assert read_folder(tmp_path / "net", "net").network.phase_mask.sum() == 2

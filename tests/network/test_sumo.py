@@ -9,6 +9,7 @@ import pytest
 from tests.sumo_files import star
 from tsc_missing.errors import UserError
 from tsc_missing.network.grid import GridSpec, build_grid
+from tsc_missing.network.importing_sumo import _copy_net
 from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool, write_net
 from tsc_missing.network.slots import N_SLOTS, RIGHT, TURNS, slot_name
@@ -282,3 +283,45 @@ def test_nets_without_a_signal_to_control(tmp_path):
         UserError, match=r"nothing to decide|anything to decide: c \(no conflicts\)"
     ):
         compile_sumo(open_net(star(tmp_path, (0, 180), 1)))
+
+
+def split_in_two(path):
+    """Give two roads of a star a signal of their own at the same junction, as SUMO allows."""
+    light = {"in_0": "a", "in_1": "a", "in_2": "b", "in_3": "b"}
+    tree = ElementTree.parse(path)
+    counts = {"a": 0, "b": 0}
+    for connection in tree.getroot().findall("connection[@tl]"):
+        name = light[connection.get("from")]
+        connection.set("tl", name)
+        connection.set("linkIndex", str(counts[name]))
+        counts[name] += 1
+    (program,) = tree.getroot().findall("tlLogic")
+    place = list(tree.getroot()).index(program)
+    tree.getroot().remove(program)
+    for name, count in counts.items():
+        logic = ElementTree.Element("tlLogic", id=name, type="static", programID="0", offset="0")
+        half = count // 2
+        for state in ("G" * half + "r" * half, "r" * half + "G" * half):
+            ElementTree.SubElement(logic, "phase", duration="40", state=state)
+        tree.getroot().insert(place, logic)
+    tree.write(path)
+    return path
+
+
+def test_signals_that_share_a_junction_are_left_alone(tmp_path):
+    path = split_in_two(star(tmp_path, CROSS))
+    with pytest.raises(UserError, match=r"nothing|a \(another signal at its junction\), b"):
+        read(path)
+    with pytest.raises(UserError, match=r"signals: a .* another signal at its junction"):
+        read(path, chosen=["a"])
+
+
+def test_nothing_switches_between_programs(tmp_path):
+    source, target = tmp_path / "a.net.xml", tmp_path / "b.net.xml"
+    switch = '<WAUT refTime="0" id="w" startProg="0"/><wautJunction wautID="w" junctionID="c"/>'
+    source.write_text(f'<net><tlLogic id="c"/>{switch}</net>')
+    _copy_net(source, target)
+    assert [element.tag for element in ElementTree.parse(target).getroot()] == ["tlLogic"]
+    source.write_text('<net><tlLogic id="c"/></net>')
+    _copy_net(source, target)
+    assert target.read_text() == source.read_text()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.networks import grid_network, tee_network
+from tests.networks import grid_network, sharing_lanes, tee_network
 from tsc_missing.errors import UserError
 from tsc_missing.network.slots import APPROACHES
 from tsc_missing.sensing.outage_list import SLOTS, read_outages
@@ -120,3 +120,11 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, text, words):
 def test_no_file(tmp_path):
     with pytest.raises(UserError, match="cannot be read"):
         read_outages(tmp_path / "none.csv", NETWORK, STEPS, INTERVAL)
+
+
+def test_movements_on_one_lane_fall_silent_together(tmp_path):
+    path = written(tmp_path, f"intersection,slot\n{NETWORK.ids[1]},N-right\n")
+    mask = read_outages(path, sharing_lanes(NETWORK), STEPS, INTERVAL)
+    lost = [SLOTS[k] for k in np.flatnonzero(~mask[0, 1])]
+    assert lost == ["N-straight", "N-right"]
+    assert mask[:, 0].all()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.networks import grid_network, tee_network
+from tests.networks import grid_network, sharing_lanes, tee_network
 from tsc_missing.config import MissingSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
@@ -95,6 +95,15 @@ def test_random_misses_whole_intersections_independently():
 def test_lane_misses_single_slots():
     mask = draw("lane", 0.5, steps=4000)
     assert np.abs(np.corrcoef(mask[:, 0].T.astype(float)) - np.eye(12)).max() < 0.1
+
+
+@pytest.mark.parametrize("pattern", ["lane", "mixed"])
+def test_movements_on_one_lane_are_silent_together(pattern):
+    mask = draw(pattern, 0.5, sharing_lanes(GRID), steps=400)
+    left, straight, right = (mask[:, :, turn::3] for turn in range(3))
+    assert (straight == right).all()
+    assert 0.2 < (left != straight).mean() < 0.6
+    assert (left == draw(pattern, 0.5, GRID, steps=400)[:, :, 0::3]).all()
 
 
 @given(seed=SEEDS, rate=st.floats(0, 0.25))

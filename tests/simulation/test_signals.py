@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from tests.networks import grid_network
 from tsc_missing.config import SignalSettings
 from tsc_missing.network.model import Network
+from tsc_missing.network.records import IntersectionRecord
 from tsc_missing.simulation.signals import SignalGuard, Signals
 from tsc_missing.simulation.states import (
     SignalSafetyError,
@@ -232,3 +234,28 @@ def test_links_that_share_a_place_are_of_one_colour():
     assert sumo_state(node, "Grg") == "rrgr"
     with pytest.raises(SignalSafetyError, match="share place 2"):
         sumo_state(node, "Grr")
+
+
+def test_a_conflict_that_only_one_link_names_counts():
+    first, second = next((a, b) for a, foes in enumerate(NODE.foes) for b in foes)
+    for one, other in ((first, second), (second, first)):
+        foes = [(other,) if link == one else () for link in range(len(NODE.links))]
+        node = NODE.model_copy(update={"foes": tuple(foes), "yields": ((),) * len(NODE.links)})
+        state = "".join("G" if k in (one, other) else "r" for k in range(len(NODE.links)))
+        with pytest.raises(SignalSafetyError, match="conflict"):
+            check_state(node, state)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"yellow": 0},
+        {"min_green": -1},
+        {"foes": NODE.foes[1:]},
+        {"free": (len(NODE.links),)},
+        {"positions": tuple(range(len(NODE.links))), "state_length": 2},
+    ],
+)
+def test_records_of_intersections_that_cannot_be(change):
+    with pytest.raises(ValidationError):
+        IntersectionRecord.model_validate(NODE.model_dump() | change)

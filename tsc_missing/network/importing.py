@@ -5,8 +5,9 @@ from pathlib import Path
 from tsc_missing.config import VehicleType
 from tsc_missing.demand.cityflow import read_flow
 from tsc_missing.demand.trips import write_routes
+from tsc_missing.errors import UserError
 from tsc_missing.files import sha256, whole_folder
-from tsc_missing.network.cityflow import read_roadnet
+from tsc_missing.network.cityflow import FIELD, read_roadnet
 from tsc_missing.network.compile import compile_network, read_net
 from tsc_missing.network.folder import (
     NET,
@@ -18,6 +19,7 @@ from tsc_missing.network.folder import (
     write_manifest,
 )
 from tsc_missing.network.netconvert import write_net
+from tsc_missing.network.phase_check import conflicting_phases
 from tsc_missing.network.plain import PlainNetwork
 from tsc_missing.network.records import NetworkRecord, write_record
 
@@ -48,6 +50,8 @@ def import_cityflow(
     demand = read_flow(flow, plain, horizon) if flow is not None else None
     with whole_folder(target, field) as folder:
         record = build_network(plain, folder)
+        for problem in conflicting_phases(record, plain):
+            raise UserError(FIELD, roadnet, problem)
         check_dataset(target, name, record, field)
         if demand is not None:
             write_routes(demand, VehicleType(), folder / ROUTES)

@@ -5,6 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+from xml.etree import ElementTree
 
 import sumolib
 
@@ -147,6 +148,12 @@ def _demand(
 
 
 def _copy_net(source: Path, target: Path) -> None:
-    """Copy a net, plain or gzipped, to a plain file."""
+    """Copy a net, plain or gzipped, to a plain file, without what switches signal programs."""
     with sumolib.openz(str(source), "rb") as packed, target.open("wb") as plain:
         shutil.copyfileobj(packed, plain)
+    if b"<WAUT" in target.read_bytes():
+        tree = ElementTree.parse(target)
+        root = tree.getroot()
+        for element in [*root.findall("WAUT"), *root.findall("wautJunction")]:
+            root.remove(element)
+        tree.write(target, encoding="UTF-8", xml_declaration=True)

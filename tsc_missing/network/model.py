@@ -90,6 +90,24 @@ class Network:
         return lanes, flat, 1.0 / np.bincount(lanes)[lanes]
 
     @cached_property
+    def slots_in_common(self) -> IntArray:
+        """(N, 12): the first of the slots that a slot shares lanes with, often itself.
+
+        Sensors are of lanes, so slots with a lane in common report or are silent together: a
+        shared lane counts for each of them in equal parts, and one would tell of the other.
+        """
+        first = np.tile(np.arange(N_SLOTS), (self.n, 1))
+        for n, slots in enumerate(self.slot_lanes):
+            for slot, lanes in enumerate(slots):
+                for other in range(slot):
+                    if not set(lanes).isdisjoint(slots[other]):
+                        joined = first[n] == first[n, slot]
+                        first[n, joined | (first[n] == first[n, other])] = min(
+                            first[n, slot], first[n, other]
+                        )
+        return first
+
+    @cached_property
     def sensor_lanes(self) -> tuple[str, ...]:
         """The lanes that sensors cover: the entrance lanes, then those upstream of short ones."""
         reach = self.record.reach or {}

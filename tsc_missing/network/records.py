@@ -5,8 +5,9 @@ against the net.
 """
 
 from pathlib import Path
+from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tsc_missing.network.slots import N_SLOTS
 
@@ -59,8 +60,22 @@ class IntersectionRecord(Record):
     free: tuple[int, ...]
     positions: tuple[int, ...] | None = None
     state_length: int | None = None
-    yellow: int | None = None
-    min_green: int | None = None
+    yellow: int | None = Field(None, gt=0)
+    min_green: int | None = Field(None, ge=0)
+
+    @model_validator(mode="after")
+    def _is_of_its_links(self) -> Self:
+        count = len(self.links)
+        if len(self.foes) != count or len(self.yields) != count:
+            raise ValueError(f"foes and yields must be lists for each of the {count} links")
+        named = [*self.foes, *self.yields, self.free, *(phase.links for phase in self.phases)]
+        if not all(0 <= link < count for links in named for link in links):
+            raise ValueError(f"foes, yields, phases and free must name links, 0 to {count - 1}")
+        if self.positions is not None:
+            length = self.state_length or 0
+            if len(self.positions) != count or not all(0 <= k < length for k in self.positions):
+                raise ValueError(f"positions must be a place below {length} for each link")
+        return self
 
 
 class ReachRecord(Record):

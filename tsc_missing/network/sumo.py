@@ -19,7 +19,7 @@ from tsc_missing.network.records import (
     NetworkRecord,
     ReachRecord,
 )
-from tsc_missing.network.sumo_links import NO_SIGNALS, Signal, read_signal
+from tsc_missing.network.sumo_links import NO_SIGNALS, Signal, in_conflict, read_signal
 from tsc_missing.network.sumo_phases import plan_phases
 
 FIELD = "sumo-net"
@@ -101,7 +101,7 @@ def compile_sumo(
     rules allow that, whatever the net's own program does.
 
     A signal with nothing to decide (one approach, or no conflicts) is left to its own program, and
-    so noted in ``source.notes``.
+    so are signals that share a junction; both are noted in ``source.notes``.
     """
     known = sorted(source.programs)
     for name in chosen:
@@ -110,20 +110,19 @@ def compile_sumo(
     if not known:
         raise UserError(source.option, source.given, "no junction in it has traffic signals")
     intersections, left_out = [], []
-    for name in known:
-        if chosen and name not in chosen:
-            continue
+    together = in_conflict([source.net.getTLS(name) for name in known])
+    for name in (name for name in known if not chosen or name in chosen):
         signal = read_signal(
             source.net.getTLS(name), source.programs[name], source.left_hand, near_side_free
         )
         node = _intersection(signal, all_phases)
-        if len(signal.roads) > 1 and len(node.phases) > 1:
+        why = "another signal at its junction" if name in together else _nothing_to_decide(node)
+        if why is None:
             intersections.append(node)
-            continue
-        why = "no conflicts" if len(signal.roads) > 1 else "one approach"
-        if chosen:
+        elif chosen:
             raise UserError("signals", name, f"it must have phases to choose from, but has {why}")
-        left_out.append(f"{name} ({why})")
+        else:
+            left_out.append(f"{name} ({why})")
     if not intersections:
         raise UserError(
             source.option,
@@ -139,6 +138,13 @@ def compile_sumo(
         reach=_reach(source, intersections) or None,
         left_hand=source.left_hand or None,
     )
+
+
+def _nothing_to_decide(node: IntersectionRecord) -> str | None:
+    """Why an intersection needs no controller; None if it does."""
+    if len(node.roads) < 2:
+        return "one approach"
+    return "no conflicts" if len(node.phases) < 2 else None
 
 
 def _intersection(signal: Signal, all_phases: bool) -> IntersectionRecord:
@@ -271,9 +277,7 @@ def _notes(
 ) -> list[str]:
     notes = []
     if left_out:
-        notes.append(
-            f"signals with nothing to decide keep their own program: {', '.join(left_out)}"
-        )
+        notes.append(f"signals that keep their own program: {', '.join(left_out)}")
     if chosen:
         others = len(source.programs) - len(intersections)
         if others:

@@ -88,6 +88,26 @@ def read_signal(
     )
 
 
+def in_conflict(lights: Sequence[Any]) -> set[str]:
+    """The lights that share a junction with another of them, and links of both conflict there."""
+    at: dict[Any, list[tuple[str, int]]] = {}
+    for light in lights:
+        for start, end, place in light.getConnections():
+            connection = _connection(start, end, place)
+            node = connection.getJunction()
+            at.setdefault(node, []).append((light.getID(), node.getLinkIndex(connection)))
+    found = set()
+    for node, links in at.items():
+        for (one, request), (other, counterpart) in itertools.combinations(links, 2):
+            if one != other and any(
+                _bit(table, *pair)
+                for table in (node._prohibits, node._foes)
+                for pair in ((request, counterpart), (counterpart, request))
+            ):
+                found |= {one, other}
+    return found
+
+
 def _connection(start: Any, end: Any, place: int) -> Any:
     return next(
         c for c in start.getOutgoing() if c.getToLane() == end and c.getTLLinkIndex() == place

@@ -3,7 +3,8 @@
 Its columns are ``intersection``, ``slot``, ``begin`` and ``end``; all but the first may be left out
 or empty. A slot is one movement (``N-left``), or an approach with all of its movements (``N``);
 without it none of the intersection reports. Begin and end are seconds since the begin of the run,
-the end excluded; without them the outage lasts from its begin, or to its end.
+the end excluded; without them the outage lasts from its begin, or to its end. Movements that share
+lanes fall silent together.
 """
 
 import csv
@@ -63,6 +64,8 @@ def read_outages(path: Path, network: Network, steps: int, interval: float) -> B
         silent = slots & network.slot_mask[n]
         if not silent.any():
             _wrong(path, line, f"{outage.intersection} has no {outage.slot}")
+        common = network.slots_in_common[n]
+        silent = np.isin(common, common[silent]) & network.slot_mask[n]
         during = (outage.begin <= time) & (time < outage.end)
         mask[:, n] &= ~(during[:, None] & silent)
     if mask.all():

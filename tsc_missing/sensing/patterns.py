@@ -45,7 +45,7 @@ def _lane(
     settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
 ) -> BoolArray:
     """(T, N, 12): each step of each slot is missing with probability ``rate``."""
-    return rng.random((steps, network.n, N_SLOTS)) >= settings.rate
+    return _by_lanes(rng.random((steps, network.n, N_SLOTS)) >= settings.rate, network)
 
 
 def _kriging(
@@ -84,7 +84,8 @@ def _mixed(
     rest = 1 - math.sqrt((1 - settings.rate) / (1 - blind_share))
     chance = rng.random((steps, network.n, 1 + N_SLOTS))
     out = outages(rest, settings.mean_outage, chance[:, :, 0])[:, :, None]
-    return _without(order[:count], network.n) & ~out & (chance[:, :, 1:] >= rest)
+    lanes = _by_lanes(chance[:, :, 1:] >= rest, network)
+    return _without(order[:count], network.n) & ~out & lanes
 
 
 PATTERNS: dict[str, Pattern] = {
@@ -95,6 +96,11 @@ PATTERNS: dict[str, Pattern] = {
     "burst": _burst,
     "mixed": _mixed,
 }
+
+
+def _by_lanes(reported: BoolArray, network: Network) -> BoolArray:
+    """(T, N, 12): slots that share lanes as the first of them in ``reported`` (T, N, 12)."""
+    return np.take_along_axis(reported, network.slots_in_common[None], axis=2)
 
 
 def _without(blind: IntArray, n: int) -> BoolArray:

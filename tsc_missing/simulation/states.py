@@ -81,8 +81,10 @@ def check_state(node: IntersectionRecord, state: str, before: str = "") -> None:
         )
     for link, letter in enumerate(state):
         for foe in node.foes[link]:
-            if letter == "r" or state[foe] == "r" or foe < link:
+            if letter == "r" or state[foe] == "r":
                 continue
+            if foe < link and link in node.foes[foe]:
+                continue  # looked at from the other side
             going_on = bool(before) and before[link] in GREEN and before[foe] in GREEN
             giving = "gy" if going_on else "g"
             gives_way = (letter in giving and foe in node.yields[link]) or (

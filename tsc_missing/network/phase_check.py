@@ -1,0 +1,64 @@
+"""Whether the phases that a file gives an intersection can be driven."""
+
+from collections.abc import Iterator
+
+from tsc_missing.network.plain import Node, PlainNetwork
+from tsc_missing.network.records import IntersectionRecord, NetworkRecord
+from tsc_missing.network.slots import LEFT, STRAIGHT, TURNS, bearing
+
+ONCOMING = 120.0  # [degrees] at least between the directions that two roads come from
+
+
+def conflicting_phases(record: NetworkRecord, plain: PlainNetwork) -> Iterator[str]:
+    """Words for each phase that lets two movements go of which neither can give way.
+
+    Who turns to the near side gives way, and so does who turns across oncoming traffic. All other
+    movements that cross each other need greens of their own.
+    """
+    for node in record.intersections:
+        for phase in node.phases:
+            pair = _conflict(node, (*phase.links, *node.free), plain)
+            if pair is not None:
+                first, second = (_words(node, link) for link in pair)
+                where = f"intersection {node.id}, light phase {phase.name}"
+                yield f"{where}: {first} and {second} cross, and neither can give way"
+
+
+def _conflict(
+    node: IntersectionRecord, served: tuple[int, ...], plain: PlainNetwork
+) -> tuple[int, int] | None:
+    for one in served:
+        for other in set(node.foes[one]).intersection(served):
+            if not (_gives_way(node, one, other, plain) or _gives_way(node, other, one, plain)):
+                return one, other
+    return None
+
+
+def _gives_way(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
+    if foe not in node.yields[link]:
+        return False
+    return _turn(node, link) not in (LEFT, STRAIGHT) or _is_oncoming(node, link, foe, plain)
+
+
+def _is_oncoming(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
+    place = plain.nodes[node.id]
+    apart = abs(_comes_from(place, node, link, plain) - _comes_from(place, node, foe, plain))
+    return min(apart, 360.0 - apart) >= ONCOMING
+
+
+def _comes_from(place: Node, node: IntersectionRecord, link: int, plain: PlainNetwork) -> float:
+    """The compass bearing [degrees] that a link's traffic comes from."""
+    x, y = plain.roads[_road(node, link)].shape[-2]
+    return bearing(x - place.x, y - place.y)
+
+
+def _turn(node: IntersectionRecord, link: int) -> int:
+    return node.links[link].slot % len(TURNS)
+
+
+def _road(node: IntersectionRecord, link: int) -> str:
+    return node.links[link].from_lane.rpartition("_")[0]
+
+
+def _words(node: IntersectionRecord, link: int) -> str:
+    return f"{TURNS[_turn(node, link)]} from {_road(node, link)}"
