@@ -74,7 +74,7 @@ def test_a_bundled_config_by_its_name_with_other_data(command, data):
         ("bc", "alpha = 1", (), ["at alpha"]),
         ("cql", "alpha = -1", (), ["at alpha"]),
         ("cqll", "", (), ["at algorithm", "cqll", "did you mean cql?"]),
-        ("td3-bc", "", ("--rounds", 3), ["at rounds"]),
+        ("td3-bc", "", ("--rounds", 3), ["--rounds: 3 is not allowed; the training b has no"]),
         ("cql", "", ("--data", "nowhere"), ["nowhere", "there is no such folder"]),
         ("cql", "held_out = 0", (), ["at held_out"]),
     ],
