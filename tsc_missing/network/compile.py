@@ -14,7 +14,7 @@ from tsc_missing.network.records import (
     NetworkRecord,
     PhaseRecord,
 )
-from tsc_missing.network.slots import RIGHT_OF_WAY, assign_approaches, bearing, slot_index
+from tsc_missing.network.slots import RIGHT_OF_WAY, assign_approaches, slot_index
 
 LinkKey = tuple[str, int, str, int]  # from road, from lane, to road, to lane
 
@@ -76,8 +76,7 @@ def _turns(plain: PlainNetwork) -> dict[LinkKey, int]:
 def _approaches(node: Node, plain: PlainNetwork) -> dict[str, int]:
     """The approach of each incoming road that has movements, by where its traffic comes from."""
     incoming = sorted({move.from_road for move in node.movements})
-    ends = [plain.roads[road].shape[-2] for road in incoming]
-    bearings = [bearing(x - node.x, y - node.y) for x, y in ends]
+    bearings = [plain.comes_from(node, road) for road in incoming]
     return dict(zip(incoming, assign_approaches(bearings), strict=True))
 
 

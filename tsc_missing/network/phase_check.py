@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
-from tsc_missing.network.plain import Node, PlainNetwork
+from tsc_missing.network.plain import PlainNetwork
 from tsc_missing.network.records import IntersectionRecord, NetworkRecord
-from tsc_missing.network.slots import LEFT, STRAIGHT, TURNS, bearing
+from tsc_missing.network.slots import LEFT, STRAIGHT, TURNS
 
 ONCOMING = 120.0  # [degrees] at least between the directions that two roads come from
 
@@ -41,15 +41,9 @@ def _gives_way(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwor
 
 
 def _is_oncoming(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
-    place = plain.nodes[node.id]
-    apart = abs(_comes_from(place, node, link, plain) - _comes_from(place, node, foe, plain))
+    one, other = (plain.comes_from(plain.nodes[node.id], _road(node, k)) for k in (link, foe))
+    apart = abs(one - other)
     return min(apart, 360.0 - apart) >= ONCOMING
-
-
-def _comes_from(place: Node, node: IntersectionRecord, link: int, plain: PlainNetwork) -> float:
-    """The compass bearing [degrees] that a link's traffic comes from."""
-    x, y = plain.roads[_road(node, link)].shape[-2]
-    return bearing(x - place.x, y - place.y)
 
 
 def _turn(node: IntersectionRecord, link: int) -> int:

@@ -6,6 +6,8 @@ them into a SUMO net with ``netconvert``.
 
 from dataclasses import dataclass, field
 
+from tsc_missing.network.slots import bearing
+
 Point = tuple[float, float]  # x, y [m]; x to the east, y to the north
 
 
@@ -70,3 +72,8 @@ class PlainNetwork:
 
     nodes: dict[str, Node] = field(default_factory=dict)
     roads: dict[str, Road] = field(default_factory=dict)
+
+    def comes_from(self, node: Node, road: str) -> float:
+        """The compass bearing [degrees] that a road's traffic comes from at its end, a node."""
+        x, y = self.roads[road].shape[-2]
+        return bearing(x - node.x, y - node.y)

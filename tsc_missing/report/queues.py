@@ -62,13 +62,8 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
         found = total_queue(list(runs.values()))
         if found is not None:
             lines[cell] = (found[0], smooth(*found))
-    there = {(cell.dataset, cell.case) for cell in lines}
-    wanted = [
-        (dataset, case)
-        for dataset in results.datasets
-        for case in results.cases(dataset)
-        if (dataset, case) in there
-    ]
+    there = (cell for cell in results.ordered_cells if cell in lines)
+    wanted = list(dict.fromkeys((cell.dataset, cell.case) for cell in there))
     if not wanted:
         return None
     shown = [m for m in results.methods if any(cell.method == m for cell in lines)]

@@ -205,7 +205,7 @@ def warnings(results: Results) -> list[str]:
     """What a reader must know about runs that did not go as runs should."""
     counts: dict[tuple[str, str], list[str]] = {}
     for run in results.finished:
-        most = {"never_inserted": OUTSIDE * run.row["demand_vehicles"]}
+        most = {"never_inserted": OUTSIDE * (run.row["demand_vehicles"] or 0)}
         for key, words in (
             ("gridlock", "gridlocked at the end"),
             ("fallbacks", "answered by the safe fallback in part"),
@@ -216,7 +216,7 @@ def warnings(results: Results) -> list[str]:
                 f"with more than {100 * OUTSIDE:.0f} % of the vehicles outside",
             ),
         ):
-            if run.row[key] > most.get(key, 0):
+            if (run.row[key] or 0) > most.get(key, 0):  # null where an older version wrote it
                 counts.setdefault((run.spec.method, words), []).append(run.spec.name)
     return [
         f"{escaped(method)}: {len(names)} {'run' if len(names) == 1 else 'runs'} {words} "
