@@ -169,11 +169,11 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time", "clustered", "expected-queue"] = (
+    blind: Literal["auto", "none", "fixed-time", "clustered", "familiar", "expected-queue"] = (
         "auto"  # see ``controllers.registry.make_controller``
     )
     diffusion: DiffusionSettings = DiffusionSettings()
-    q_weights: str = "auto"  # of a Q-network, a name or a path; auto: those of the controller
+    q_weights: str = "auto"  # of Q-networks, names or paths (see ``resolved.weights_of``)
     missing: MissingSettings = MissingSettings()
     signals: SignalSettings = SignalSettings()
     sensor: SensorSettings = SensorSettings()

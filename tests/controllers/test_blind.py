@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tests.controllers.helpers import A, B, Scripted, context, cross_and_tee, observe, with_holes
-from tests.networks import grid_network
-from tsc_missing.controllers.blind import Blind
+from tests.networks import grid_network, tee_network
+from tsc_missing.controllers.blind import Blind, learned_kind
 from tsc_missing.controllers.fixed_time import PlainCycle
 
 INNER = np.array([3, 2])
@@ -84,6 +84,34 @@ def test_clustered_leaves_a_blind_intersection_that_sees_all_around_it():
     blind.reset(context(network))
     phases = blind.decide(with_holes(observe(network), holes))
     assert phases[row].tolist() == [0, 0, 3, 3]
+
+
+def test_familiar_leaves_what_the_weights_never_saw():
+    tee = tee_network()
+    shape = tee.slot_mask.reshape(tee.n, 4, 3).any(axis=2).sum(axis=1)
+    assert learned_kind(tee).tolist() == (shape == 4).tolist()
+    assert shape.tolist().count(3) == 1
+    for node in range(tee.n):
+        holes = tee.slot_mask.copy()
+        holes[node] = False
+        expected = np.full(tee.n, 2)
+        expected[node] = 2 if shape[node] == 4 else 0
+        inner = Scripted(np.full(tee.n, 2))
+        blind = Blind(inner, PlainCycle(15.0), stale_steps=0, clustered=True, familiar=True)
+        blind.reset(context(tee))
+        observation = observe(tee)
+        assert (
+            blind.decide(with_holes(observation, ~holes & tee.slot_mask)).tolist()
+            == expected.tolist()
+        )
+
+
+def test_movements_that_share_a_lane_are_not_of_the_learned_kind(network, monkeypatch):
+    assert learned_kind(network)[A]
+    joined = network.slots_in_common.copy()
+    joined[A, 5] = joined[A, 4]
+    monkeypatch.setitem(vars(network), "slots_in_common", joined)
+    assert not learned_kind(network)[A]
 
 
 def chain(network):

@@ -22,7 +22,7 @@ from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers import planner
 from tsc_missing.controllers.check import check_controller
-from tsc_missing.controllers.difflight import DiffLight, best_finite, taken_as_seen
+from tsc_missing.controllers.difflight import DiffLight, best_finite, nothing_known
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.planner import Planner
 from tsc_missing.controllers.recent import RecentSteps
@@ -55,7 +55,7 @@ def make(weights, values):
     """DiffLight by its scoring."""
 
     def made(scoring, steps, diffusion=weights):
-        return DiffLight(diffusion, steps, scoring, values if scoring == "value" else None)
+        return DiffLight(diffusion, steps, scoring, [values] if scoring == "value" else [])
 
     return made
 
@@ -75,15 +75,14 @@ def run(controller, network, seed=0, poison=None):
     return tuple(np.array(column) for column in zip(*steps, strict=True))
 
 
-def test_a_sample_of_an_intersection_that_nobody_sees_counts_as_seen():
+def test_nothing_is_known_where_no_slot_that_is_there_reported():
     network = cross_and_tee()
     known = np.zeros((network.n, 5, 12), dtype=bool)
     known[A, 3, 4] = True
     absent = ~network.slot_mask[:, None].repeat(5, axis=1)
     assert absent[B].any()
-    seen = taken_as_seen(known | absent, network.slot_mask)
-    assert (seen[A] == (known | absent)[A]).all()
-    assert seen[B].all()
+    found = nothing_known(known | absent, network.slot_mask)
+    assert found[[A, B]].tolist() == [False, True]
 
 
 def test_the_values_are_told_what_was_seen(make, monkeypatch):
@@ -103,7 +102,7 @@ def test_the_values_are_told_what_was_seen(make, monkeypatch):
     for step in range(4, len(seen)):
         window = np.stack(seen[step - 4 : step + 1])
         hidden = ~(window & GRID.slot_mask).any(axis=(0, 2))
-        assert (told[step] == (window | hidden[None, :, None])).all()
+        assert (told[step][:, 0] == (window | hidden[None, :, None])).all()
 
 
 @SCORINGS
@@ -176,7 +175,7 @@ class TestSamples:
     @pytest.fixture
     def make(self, weights, values):
         def made(samples):
-            return DiffLight(weights, 3, "value", values, samples)
+            return DiffLight(weights, 3, "value", [values], samples)
 
         return made
 
@@ -210,6 +209,23 @@ class TestSamples:
         plain = self.run(make(3), dark=[0, 1])
         poisoned = self.run(make(3), dark=[0, 1], poison=1e9)
         assert [phases for _, phases in plain] == [phases for _, phases in poisoned]
+
+    def test_several_networks_decide_together_only_where_nothing_is_known(self, weights, values):
+        other = values.with_name("other.safetensors")
+        torch.manual_seed(1)
+        save_q_network(PhaseValue(8, 2, certainty=True), "value", 8, other, {})
+        made = {
+            paths: DiffLight(weights, 3, "value", paths, 4)
+            for paths in ((values,), (other,), (values, other))
+        }
+        ways = [self.run(controller, dark=[1, 4]) for controller in made.values()]
+        of = [[c._scores(p) for p, _ in way] for c, way in zip(made.values(), ways, strict=True)]
+        for first, second, both in zip(*of, strict=True):
+            seen = [0, 2, 3, 5]
+            np.testing.assert_array_equal(both[seen], first[seen])
+            mean = (first + second)[[1, 4]] / 2
+            np.testing.assert_allclose(both[[1, 4]], mean, rtol=1e-5, atol=1e-5)
+            assert not np.allclose(first[[1, 4]], second[[1, 4]])
 
     def test_nobody_is_sampled_again_where_everybody_is_seen(self, make):
         controller = make(4)

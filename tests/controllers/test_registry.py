@@ -54,8 +54,11 @@ def test_the_default_settings_can_be_had():
 
 
 def test_what_the_default_settings_are_in_a_run():
-    shipped = {"min_space": 9, "sampling_steps": [3, 10], "weights": ["universal", "lookahead"]}
-    assert resolved(DEFAULTS) == {"blind": "clustered", **shipped}
+    turns = ["lookahead", "lookahead-second", "lookahead-first"]
+    shipped = {"min_space": 9, "sampling_steps": [3, 10], "weights": ["universal", *turns]}
+    assert resolved(DEFAULTS) == {"blind": "familiar", **shipped}
+    given = RunSettings(q_weights="lookahead, mine")
+    assert resolved(given)["weights"] == ["universal", "lookahead", "mine"]
     inverse = RunSettings(diffusion={"scoring": "inverse"})
     guided = {"min_space": 0, "sampling_steps": [10, 10], "weights": ["universal"]}
     assert resolved(inverse) == {"blind": "fixed-time", **guided}

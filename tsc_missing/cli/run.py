@@ -57,7 +57,7 @@ def run(
         str,
         typer.Option(
             help="What runs at intersections without a sensor: auto, fixed-time, clustered, "
-            "expected-queue or none."
+            "familiar, expected-queue or none."
         ),
     ] = DEFAULT.blind,
     weights: Annotated[
@@ -85,7 +85,8 @@ def run(
         typer.Option(
             "--policy-weights",
             "--q-weights",
-            help="Weights of a learned controller or of scoring value: a name or a path.",
+            help="Weights of a learned controller or of scoring value: a name or a path. Scoring "
+            "value takes several, by commas: the others have a say where nothing is known.",
         ),
     ] = DEFAULT.q_weights,
     missing: Annotated[

@@ -4,7 +4,8 @@ import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.wrapper import Wrapper
-from tsc_missing.network.model import IntArray
+from tsc_missing.network.model import BoolArray, IntArray, Network
+from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS
 from tsc_missing.sensing.observation import Observation
 
 STALE_STEPS = 8  # two minutes at a decision every 15 s: longer than most cycles
@@ -16,7 +17,8 @@ class Blind(Wrapper):
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
     than ``stale_steps`` steps; where ``clustered``, it is left to the cycle only if one of its
     adjacent intersections is blind too, or it has none: else all around it tells what may be there.
-    The cycle is asked at
+    Where ``familiar``, it is if it is unlike those that the packaged weights learned on, too. The
+    cycle is asked at
     every step and keeps its own time, so that an outage enters the plan where it stands (plans of
     neighbours stay coordinated) and never begins it anew; the inner controller is asked at every
     step too, so that its memory is unbroken when sensors come back.
@@ -28,17 +30,20 @@ class Blind(Wrapper):
         cycle: Controller,
         stale_steps: int = STALE_STEPS,
         clustered: bool = False,
+        familiar: bool = False,
     ) -> None:
         """``cycle`` decides at blind intersections; it must not need values."""
         super().__init__(controller)
         self.cycle = cycle
         self._clustered = clustered
+        self._familiar = familiar
         self._stale_steps = stale_steps
 
     def reset(self, context: ControlContext) -> None:
         """Reset both, and count every intersection as just seen."""
         self._slots = context.network.slot_mask
         self._adjacent = context.network.adjacency
+        self._unlike = ~learned_kind(context.network)
         self._equipped = (context.sensors & self._slots).any(axis=1)
         self._silent = np.zeros(context.network.n, dtype=np.int64)
         super().reset(context)
@@ -51,5 +56,16 @@ class Blind(Wrapper):
         blind = ~self._equipped | (self._silent > self._stale_steps)
         if self._clustered:
             alone = ~self._adjacent.any(axis=1)
-            blind &= alone | (self._adjacent & blind).any(axis=1)
+            left = alone | (self._adjacent & blind).any(axis=1)
+            blind &= left | (self._unlike & self._familiar)
         return np.where(blind, self.cycle.decide(observation), self.controller.decide(observation))
+
+
+def learned_kind(network: Network) -> BoolArray:
+    """(N,): the intersections of the kind that the packaged diffusion weights learned on.
+
+    Those of the six datasets: traffic from four sides, and no movement that shares a lane.
+    """
+    sides = network.slot_mask.reshape(network.n, len(APPROACHES), len(TURNS)).any(axis=2)
+    apart = network.slots_in_common == np.arange(N_SLOTS)
+    return np.asarray(sides.all(axis=1) & apart.all(axis=1))

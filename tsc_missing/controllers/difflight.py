@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -46,7 +46,7 @@ class DiffLight(Controller):
         weights: Path,
         sampling_steps: int = GUIDED_STEPS,
         scoring: Scoring = "inverse",
-        q_weights: Path | None = None,
+        q_weights: Sequence[Path] = (),
         samples: int = 1,
         blind_steps: int | None = None,
     ) -> None:
@@ -54,16 +54,16 @@ class DiffLight(Controller):
 
         At intersections without a sensor ``blind_steps``, if there are more of them.
 
-        ``q_weights`` are those of the Q-network for the scoring "value", which takes the mean
-        value over ``samples`` of what may be where nothing is known. Raises ``UserError`` for
-        weights that cannot be used.
+        ``q_weights`` are those of Q-networks for the scoring "value": the first decides, and where
+        nothing is known the mean over all of them and over ``samples`` of what may be. Raises
+        ``UserError`` for weights that cannot be used.
         """
         copies = samples if scoring == "value" else 1
         self._planner = load_planner(
             weights, sampling_steps, is_guided(scoring), copies, blind_steps
         )
         self._scoring = scoring
-        self._q = None if q_weights is None else load_q(q_weights, self._planner)
+        self._q = [load_q(path, self._planner) for path in q_weights]
         self._planned: Planned | None = None
 
     @property
@@ -77,8 +77,7 @@ class DiffLight(Controller):
         self._network = context.network
         self._by_inverse = self._where_inverse(context)
         self._planner.reset(context)
-        if self._q is not None:
-            self._values = self._q(context)
+        self._values = [make(context) for make in self._q]
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the phase with the highest score; ties go to the lowest phase."""
@@ -102,14 +101,23 @@ class DiffLight(Controller):
 
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
-        if self._q is not None:
-            red_steps = planned.red_steps.swapaxes(0, 1)
-            seen = taken_as_seen(planned.known, self._network.slot_mask).swapaxes(0, 1)
-            samples = (past.swapaxes(0, 1) for past in planned.samples)
-            values = [self._values.of(past, red_steps, seen) for past in samples]
-            return np.asarray(np.mean(values, axis=0))
+        if self._values:
+            return self._mean_values(planned)
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
+
+    def _mean_values(self, planned: Planned) -> FloatArray:
+        """(N, P): of the first Q-network, of all of them where nothing is known."""
+        unseen = nothing_known(planned.known, self._network.slot_mask)
+        samples = np.moveaxis(planned.samples, 2, 0)  # (C, M, N, 12, F)
+        red_steps = planned.red_steps.swapaxes(0, 1)[:, None]
+        seen = (planned.known | unseen[:, None, None]).swapaxes(0, 1)[:, None]
+        first, *others = self._values if unseen.any() else self._values[:1]
+        scores = first.of(samples, red_steps, seen).mean(axis=0)
+        if others:
+            more = [values.of(samples, red_steps, seen).mean(axis=0) for values in others]
+            scores[unseen] = np.mean([scores, *more], axis=0)[unseen]
+        return np.asarray(scores)
 
 
 def is_guided(scoring: Scoring) -> bool:
@@ -117,15 +125,13 @@ def is_guided(scoring: Scoring) -> bool:
     return scoring in ("inverse", "mixed")
 
 
-def taken_as_seen(known: BoolArray, slots: BoolArray) -> BoolArray:
-    """(N, C, 12): what counts as seen in a sample of what may be.
+def nothing_known(known: BoolArray, slots: BoolArray) -> BoolArray:
+    """(N,): where nothing of an intersection's ``slots`` (N, 12) is ``known`` (N, C, 12).
 
-    What was, and everything where nothing of an intersection's ``slots`` (N, 12) is ``known``
-    (N, C, 12): there a sample is one of the worlds that may be, and that there are several is what
-    tells how uncertain it is.
+    There a sample is one of the worlds that may be, and all of it counts as seen: that there are
+    several samples is what tells how uncertain it is.
     """
-    nothing = ~(known & slots[:, None]).any(axis=(1, 2), keepdims=True)
-    return np.asarray(known | nothing)
+    return np.asarray(~(known & slots[:, None]).any(axis=(1, 2)))
 
 
 def best_finite(scores: FloatArray) -> IntArray:

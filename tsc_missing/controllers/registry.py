@@ -23,7 +23,13 @@ from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.own import OwnController
-from tsc_missing.controllers.resolved import LOOKAHEAD, blind_rule, min_space_of, policy_weights
+from tsc_missing.controllers.resolved import (
+    LOOKAHEAD,
+    blind_rule,
+    min_space_of,
+    policy_weights,
+    value_weights,
+)
 from tsc_missing.controllers.spillback import Spillback
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.imputation.base import Imputed
@@ -33,7 +39,7 @@ from tsc_missing.own_code import is_own
 from tsc_missing.weights.find import FIELD as WEIGHTS
 from tsc_missing.weights.find import find_weights, packaged_weights
 
-MAKES_VALUES = f"tsc-train {LOOKAHEAD}"
+MAKES_VALUES = f"tsc-train {LOOKAHEAD[0]}"
 LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {
@@ -41,6 +47,9 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
     "clustered": lambda controller: Blind(controller, FixedTime(), LONG_SILENCE, clustered=True),
+    "familiar": lambda controller: Blind(
+        controller, FixedTime(), LONG_SILENCE, clustered=True, familiar=True
+    ),
 }
 
 
@@ -126,13 +135,13 @@ def make_policy(name: str) -> Controller:
 
 
 def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
-    values = LOOKAHEAD if q_weights == "auto" else q_weights
+    values = value_weights(q_weights) if by_value(DIFFLIGHT, settings) else ()
     steps, blind_steps = settings.reverse_steps(is_guided(settings.scoring))
     return DiffLight(
         find_weights(settings.weights),
         steps,
         settings.scoring,
-        find_weights(values, MAKES_VALUES) if by_value(DIFFLIGHT, settings) else None,
+        [find_weights(name, MAKES_VALUES) for name in values],
         settings.samples,
         blind_steps,
     )

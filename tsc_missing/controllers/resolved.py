@@ -9,7 +9,7 @@ from tsc_missing.imputation.registry import DIFFUSION
 from tsc_missing.network.folder import network_name
 from tsc_missing.own_code import is_own
 
-LOOKAHEAD = "lookahead"  # the weights of the scoring "value"
+LOOKAHEAD = ("lookahead", "lookahead-second", "lookahead-first")  # for the scoring "value"
 
 
 def weights_of(settings: RunSettings) -> tuple[str, ...]:
@@ -19,8 +19,8 @@ def weights_of(settings: RunSettings) -> tuple[str, ...]:
     if name == DIFFLIGHT_PAPER:
         return (diffusion,)
     if name == DIFFLIGHT:
-        value = (LOOKAHEAD if q_weights == "auto" else q_weights,)
-        return (diffusion, *(value if by_value(name, settings.diffusion) else ()))
+        values = value_weights(q_weights) if by_value(name, settings.diffusion) else ()
+        return (diffusion, *values)
     found = (policy_weights(name, q_weights, settings.net),) if is_learned(name) else ()
     imputer = (diffusion,) if settings.imputer == DIFFUSION and needs_values(name) else ()
     return (*found, *imputer)
@@ -37,6 +37,13 @@ def code_of(settings: RunSettings) -> tuple[tuple[str, str], ...]:
     controllers = (("controller", name),) if is_own(name) else ()
     imputers = (("imputer", imputer),) if is_own(imputer) and needs_values(name) else ()
     return (*controllers, *imputers)
+
+
+def value_weights(q_weights: str) -> tuple[str, ...]:
+    """The names or paths of the weights of the scoring "value": one or, by commas, more."""
+    if q_weights == "auto":
+        return LOOKAHEAD
+    return tuple(name.strip() for name in q_weights.split(","))
 
 
 def policy_weights(controller: str, q_weights: str, net: str) -> str:
@@ -57,10 +64,11 @@ def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     The fixed cycle; but none with the diffusion imputer, which knows what its values at blind
     intersections come from, for ``difflight-paper`` and for own controllers that fill holes
     themselves; and for ``difflight`` by values the fixed cycle only where two adjacent
-    intersections are blind, without a sensor or for long.
+    intersections are blind, without a sensor or for long, or one of a kind that its packaged
+    weights never saw (``learned_kind``).
     """
     if by_value(name, diffusion):
-        return "clustered"
+        return "familiar"
     generates = name == DIFFLIGHT_PAPER or (imputer == DIFFUSION and name != DIFFLIGHT)
     copes = is_own(name) and not needs_values(name)
     return "none" if generates or copes else "fixed-time"

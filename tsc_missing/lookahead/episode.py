@@ -108,4 +108,4 @@ def _policy(settings: LookaheadSettings, q: QNetwork, mask: BoolArray) -> Contro
     if mask.all():
         return QPolicy(q, settings.base)
     fill, base = find_weights(settings.fill), find_weights(settings.base)
-    return DiffLight(fill, settings.sampling_steps, "value", base, DiffusionSettings().samples)
+    return DiffLight(fill, settings.sampling_steps, "value", [base], DiffusionSettings().samples)

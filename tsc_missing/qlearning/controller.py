@@ -34,21 +34,24 @@ class PhaseValues:
     def of(
         self, values: FloatArray, red_steps: IntArray, known: BoolArray | None = None
     ) -> FloatArray:
-        """(N, P) of the last of C ≥ 1 decision steps that follow each other.
+        """(…, N, P) of the last of C ≥ 1 decision steps that follow each other.
 
-        ``values`` (C, N, 12, F) [vehicles], ``red_steps`` (C, N, 12); ``known`` (C, N, 12) is
-        false where values were filled in, None where nothing was. NaN in gives NaN for what
-        depends on it.
+        ``values`` (C, …, N, 12, F) [vehicles], ``red_steps`` (C, …, N, 12); ``known`` (C, …, N, 12)
+        is false where values were filled in, None where nothing was. The last two may have axes of
+        length 1 where ``values`` have several states of the same signals. NaN in gives NaN for
+        what depends on it.
         """
+        red_steps = np.broadcast_to(red_steps, values.shape[:-1])
         now = slot_features(self._tables, values[-1], red_steps[-1])
         seen = -1 - self._q.history
         parts = [now, past_features(values[seen:], red_steps[seen:], self._q.history)[-1]]
         if self._q.certainty:
             everything = np.ones(red_steps.shape, dtype=bool)
-            parts.append(certainty_features(everything if known is None else known))
-        features = np.concatenate(parts, axis=-1)
-        found = self._q(torch.from_numpy(features).unsqueeze(0), self._graph)
-        return np.asarray(found.squeeze(0).double().numpy())
+            told = certainty_features(everything if known is None else known)
+            parts.append(np.broadcast_to(told, (*now.shape[:-1], told.shape[-1])))
+        features = torch.from_numpy(np.concatenate(parts, axis=-1))
+        found = self._q(features.reshape(-1, *features.shape[-3:]), self._graph)
+        return np.asarray(found.double().numpy()).reshape(*now.shape[:-2], -1)
 
 
 class QPolicy(Controller):
