@@ -169,7 +169,7 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time", "clustered", "familiar", "expected-queue"] = (
+    blind: Literal["auto", "none", "fixed-time", "familiar", "clustered", "expected-queue"] = (
         "auto"  # see ``controllers.registry.make_controller``
     )
     diffusion: DiffusionSettings = DiffusionSettings()

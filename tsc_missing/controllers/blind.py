@@ -15,10 +15,10 @@ class Blind(Wrapper):
     """A controller that leaves intersections without information to a fixed cycle.
 
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
-    than ``stale_steps`` steps; where ``clustered``, it is left to the cycle only if one of its
-    adjacent intersections is blind too, or it has none: else all around it tells what may be there.
-    Where ``familiar``, it is if it is unlike those that the packaged weights learned on, too. The
-    cycle is asked at
+    than ``stale_steps`` steps. All of them are left to the cycle; but with ``familiar`` only those
+    unlike what the packaged weights learned on, with ``clustered`` only those where an adjacent
+    intersection is blind too, or that have none (else all around tells what may be there), and with
+    both those of either kind. The cycle is asked at
     every step and keeps its own time, so that an outage enters the plan where it stands (plans of
     neighbours stay coordinated) and never begins it anew; the inner controller is asked at every
     step too, so that its memory is unbroken when sensors come back.
@@ -54,11 +54,17 @@ class Blind(Wrapper):
         seen = (observation.mask & self._slots).any(axis=1)
         self._silent = np.where(seen, 0, self._silent + 1)
         blind = ~self._equipped | (self._silent > self._stale_steps)
+        left = blind & self._left(blind)
+        return np.where(left, self.cycle.decide(observation), self.controller.decide(observation))
+
+    def _left(self, blind: BoolArray) -> BoolArray:
+        """(N,): the intersections that are left to the cycle if they are ``blind`` (N,)."""
+        left = np.full(len(blind), not (self._familiar or self._clustered))
+        if self._familiar:
+            left |= self._unlike
         if self._clustered:
-            alone = ~self._adjacent.any(axis=1)
-            left = alone | (self._adjacent & blind).any(axis=1)
-            blind &= left | (self._unlike & self._familiar)
-        return np.where(blind, self.cycle.decide(observation), self.controller.decide(observation))
+            left |= ~self._adjacent.any(axis=1) | (self._adjacent & blind).any(axis=1)
+        return left
 
 
 def learned_kind(network: Network) -> BoolArray:
@@ -66,6 +72,6 @@ def learned_kind(network: Network) -> BoolArray:
 
     Those of the six datasets: traffic from four sides, and no movement that shares a lane.
     """
-    sides = network.slot_mask.reshape(network.n, len(APPROACHES), len(TURNS)).any(axis=2)
-    apart = network.slots_in_common == np.arange(N_SLOTS)
-    return np.asarray(sides.all(axis=1) & apart.all(axis=1))
+    by_side = network.slot_mask.reshape(network.n, len(APPROACHES), len(TURNS))
+    four_sides = np.all(by_side.any(axis=2), axis=1)
+    return np.asarray(four_sides & np.all(network.slots_in_common == np.arange(N_SLOTS), axis=1))

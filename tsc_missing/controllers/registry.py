@@ -46,8 +46,8 @@ BLIND: dict[str, Callable[[Controller], Controller]] = {
     "none": lambda controller: controller,
     "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
     "fixed-time": lambda controller: Blind(controller, FixedTime()),
-    "clustered": lambda controller: Blind(controller, FixedTime(), LONG_SILENCE, clustered=True),
-    "familiar": lambda controller: Blind(
+    "familiar": lambda controller: Blind(controller, FixedTime(), LONG_SILENCE, familiar=True),
+    "clustered": lambda controller: Blind(
         controller, FixedTime(), LONG_SILENCE, clustered=True, familiar=True
     ),
 }

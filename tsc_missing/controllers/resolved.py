@@ -61,17 +61,16 @@ def policy_weights(controller: str, q_weights: str, net: str) -> str:
 def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     """What the rule "auto" for blind intersections is.
 
-    The fixed cycle; but none with the diffusion imputer, which knows what its values at blind
-    intersections come from, for ``difflight-paper`` and for own controllers that fill holes
-    themselves; and for ``difflight`` by values the fixed cycle only where two adjacent
-    intersections are blind, without a sensor or for long, or one of a kind that its packaged
-    weights never saw (``learned_kind``).
+    The fixed cycle; but none for ``difflight-paper`` and for own controllers that fill holes
+    themselves; with the diffusion imputer it runs only at intersections of a kind that its packaged
+    weights never saw (``learned_kind``), and for ``difflight`` by values there and where two
+    adjacent intersections are blind, without a sensor or for long.
     """
     if by_value(name, diffusion):
-        return "familiar"
-    generates = name == DIFFLIGHT_PAPER or (imputer == DIFFUSION and name != DIFFLIGHT)
-    copes = is_own(name) and not needs_values(name)
-    return "none" if generates or copes else "fixed-time"
+        return "clustered"
+    if name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name)):
+        return "none"
+    return "familiar" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
 
 
 def min_space_of(settings: RunSettings) -> int:
