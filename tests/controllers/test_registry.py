@@ -72,6 +72,23 @@ def test_what_the_default_settings_are_in_a_run():
 
 
 @pytest.mark.parametrize(
+    ("given", "rule"),
+    [
+        ({}, "clustered"),
+        ({"imputer": "diffusion"}, "clustered"),
+        ({"diffusion": {"scoring": "queue"}}, "fixed-time"),
+        ({"controller": "max-queue"}, "fixed-time"),
+        ({"controller": "max-queue", "imputer": "diffusion"}, "familiar"),
+        ({"controller": "bc", "imputer": "diffusion"}, "familiar"),
+        ({"controller": "difflight-paper", "imputer": "diffusion"}, "none"),
+    ],
+    ids=str,
+)
+def test_what_runs_at_blind_intersections_goes_by_what_fills_holes(given, rule):
+    assert resolved(RunSettings(**given))["blind"] == rule
+
+
+@pytest.mark.parametrize(
     ("names", "words"),
     [
         (("max-que", "sfm", "none"), "controller: max-que is not allowed; did you mean max-queue?"),
