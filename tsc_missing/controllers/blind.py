@@ -18,10 +18,11 @@ class Blind(Wrapper):
     than ``stale_steps`` steps. All of them are left to the cycle; but with ``familiar`` only those
     unlike what the packaged weights learned on, with ``clustered`` only those where an adjacent
     intersection is blind too, or that have none (else all around tells what may be there), and with
-    both those of either kind. The cycle is asked at
-    every step and keeps its own time, so that an outage enters the plan where it stands (plans of
-    neighbours stay coordinated) and never begins it anew; the inner controller is asked at every
-    step too, so that its memory is unbroken when sensors come back.
+    both those of either kind.
+
+    The cycle is asked at every step and keeps its own time, so that an outage enters the plan where
+    it stands (plans of neighbours stay coordinated) and never begins it anew; the inner controller
+    is asked at every step too, so that its memory is unbroken when sensors come back.
     """
 
     def __init__(
