@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.networks import context_for, grid_network, tee_network
+from tests.networks import S, context_for, grid_network, tee_network
+from tsc_missing.controllers.blind import learned_kind
 from tsc_missing.controllers.catalogue import CONTROLLERS, LEARNED, needs_values
 from tsc_missing.controllers.registry import BLIND, make_controller
 from tsc_missing.imputation.registry import IMPUTERS
@@ -134,8 +135,11 @@ def test_each_bound_overrules_some_of_these_decisions(bound):
 
 
 def test_each_blind_rule_decides_otherwise():
-    network = NETWORKS["grid"]
-    masks = blind_in_places(network)
+    network = grid_network(2, 4, closed=[(1, 3, S)])
+    masks = random_masks(network)
+    blind = [0, 4, 2, 7]  # two side by side, a T-junction by itself, and another by itself
+    masks[:, blind] = ~network.slot_mask[blind]
+    assert np.flatnonzero(~learned_kind(network)).tolist() == [2]
     found = [
         decisions(
             network,
