@@ -19,7 +19,7 @@ from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.markdown import escaped, mean_words, signed
 from tsc_missing.report.paper import paper_table
 from tsc_missing.report.queue_map import map_runs
-from tsc_missing.report.queues import smooth
+from tsc_missing.report.queues import queue_figure, smooth
 from tsc_missing.report.results import Results, read_results
 from tsc_missing.report.statistics import mean_of, paired, ratio_of
 from tsc_missing.report.style import COLOURS, GREY, End, label_ends, looks, panels
@@ -107,6 +107,14 @@ def results(tmp_path):
 
 def test_cases_are_in_the_order_of_their_rates(results):
     assert results.cases("jinan_1") == ("none", "random 10 %", "random 50 %", "kriging 25 %")
+
+
+def test_queues_are_shown_at_the_highest_rate_of_each_pattern(tmp_path):
+    results = read_results([make_batch(tmp_path / "b", tmp_path, decisions=True)])
+    assert results.highest_cases("jinan_1") == ("none", "random 50 %", "kriging 25 %")
+    titles = [panel.get_title(loc="left") for panel in queue_figure(results, "att_all").axes]
+    shown = ["everything observed", "random 50 %", "kriging 25 %"]
+    assert [title for title in titles if title] == [f"jinan_1, {case}" for case in shown]
 
 
 def test_tables(results):

@@ -49,8 +49,9 @@ def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
         (
             "queues",
             queue_figure(results, metric),
-            "Vehicles in queues over time in the whole network, mean over seeds and a moving mean "
-            f"over {SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
+            "Vehicles in queues over time in the whole network, at the highest rate of each "
+            "pattern of missing data, mean over seeds and a moving mean over "
+            f"{SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
             f"{_scale_words(results, metric)} Grey lines may leave the scale.",
         ),
     ]

@@ -56,9 +56,15 @@ def smooth(time: FloatArray, queue: FloatArray) -> FloatArray:
 
 
 def queue_figure(results: Results, metric: str) -> Figure | None:
-    """The network's queue over time, smoothed: a panel a dataset and case, a line a method."""
+    """The network's queue over time, smoothed: a panel a dataset and case, a line a method.
+
+    Of each pattern only the highest rate is shown.
+    """
+    highest = {dataset: results.highest_cases(dataset) for dataset in results.datasets}
     lines = {}
     for cell, runs in results.by_cell.items():
+        if cell.case not in highest[cell.dataset]:
+            continue
         found = total_queue(list(runs.values()))
         if found is not None:
             lines[cell] = (found[0], smooth(*found))

@@ -87,6 +87,16 @@ class Results:
         """Of a dataset: nothing missing, then patterns as in the suites, each by its rates."""
         return self._ordered([run for run in self.finished if run.spec.dataset == dataset])
 
+    def highest_cases(self, dataset: str) -> tuple[str, ...]:
+        """Of ``cases`` those at the highest rate of their pattern; all that have no rate."""
+        runs = [run for run in self.finished if run.spec.dataset == dataset]
+        highest: dict[tuple[object, ...], float] = {}
+        for run in runs:
+            rate = run.spec.settings.missing.rate
+            highest[_pattern(run)] = max(rate, highest.get(_pattern(run), 0.0))
+        found = [run for run in runs if run.spec.settings.missing.rate == highest[_pattern(run)]]
+        return self._ordered(found)
+
     def _ordered(self, runs: Sequence[Run]) -> tuple[str, ...]:
         """Their cases: nothing missing, then patterns as in the suites, each by its rates."""
         patterns = list(dict.fromkeys(map(_pattern, runs)))
