@@ -1,6 +1,7 @@
 """``tsc-collect`` and ``tsc-train`` as they are used."""
 
 import json
+import shutil
 import signal
 import time
 
@@ -65,6 +66,14 @@ def test_collect_go_on_train_resume(command, small_net):
     again = command("train", "c.toml", "--out", "t")
     assert again.returncode == 2
     assert "--resume" in again.stderr
+    both = command("train", "c.toml", "--out", "both", "--data", "data", "--data", "./data")
+    assert (both.returncode, both.stderr.count("\n")) == (2, 1), both.stderr
+    assert "named twice" in both.stderr
+    shutil.copytree(command.cwd / "data", command.cwd / "own")
+    both = command("train", "c.toml", "--out", "both", "--data", "data", "--data", "own")
+    assert both.stdout == "both/weights.safetensors\n", both.stderr
+    both = command("train", "bc", "--out", "bc", "--data", "data", "--data", "own")
+    assert (both.returncode, both.stderr.count("\n")) == (2, 1), both.stderr
 
     config(command, steps=1_000_000)
     process = command.start("train", "c.toml", "--out", "long")

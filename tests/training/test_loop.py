@@ -209,6 +209,8 @@ def test_learning_rate(settings):
         ("data = 'd'\n[model]\nwidht = 64", "at model.widht: .* did you mean width?"),
         ("data = 'd'\nsteps = 0", "at steps"),
         ("steps = 3", "at data"),
+        ("data = []", "at data"),
+        ("data = ['d', 3]", "at data"),
         ("data = ", "not valid TOML"),
     ],
 )

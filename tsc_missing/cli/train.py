@@ -46,7 +46,11 @@ def train(
         ),
     ] = None,
     data: Annotated[
-        Path | None, typer.Option(help="The dataset's folder, instead of the config's.")
+        list[Path] | None,
+        typer.Option(
+            help="The dataset's folder, instead of the config's. Diffusion: repeatable, to learn "
+            "from several as one."
+        ),
     ] = None,
     steps: Annotated[
         int | None, typer.Option(help="Diffusion, baselines: steps, instead of the config's.")
@@ -72,7 +76,8 @@ def train(
     from tsc_missing.training.config import find_config, read_training
 
     name = _config(config, algorithm)
-    changes = {"data": data, "steps": steps, "rounds": rounds, "seed": seed}
+    one = data[0] if data and len(data) == 1 else data
+    changes = {"data": one, "steps": steps, "rounds": rounds, "seed": seed}
     settings = read_training(name, **{k: v for k, v in changes.items() if v is not None})
     simulates = isinstance(settings, LookaheadSettings | QLearningSettings)
     if workers is not None and not simulates:
@@ -105,11 +110,11 @@ def _config(config: str | None, algorithm: str | None) -> str:
 def _fit(settings: "TrainingSettings", folder: Path, resume: bool) -> Path:
     """Train the diffusion model."""
     from tsc_missing.diffusion.memory import keep_freed_memory
-    from tsc_missing.offline.dataset import read_dataset
+    from tsc_missing.offline.joined import read_datasets
     from tsc_missing.training.loop import Training
 
     keep_freed_memory()
-    training = Training(settings, read_dataset(settings.data), folder, resume)
+    training = Training(settings, read_datasets(settings.data), folder, resume)
     with _ending(folder), _progress(settings.steps, training.step, "step") as (show, stop):
         return training.run(
             lambda now: show(

@@ -89,13 +89,22 @@ class Dataset:
         """SHA-256 of the manifest, which has those of all else."""
         return sha256(self.path / MANIFEST)
 
+    @property
+    def episodes(self) -> tuple[EpisodeEntry, ...]:
+        """What the manifest says of the episodes."""
+        return self.manifest.episodes
+
+    def net(self, number: int) -> str:
+        """The name in ``networks`` of an episode's network."""
+        return self.episodes[number].spec.net
+
     def about(self) -> dict[str, Any]:
         """What the manifest of weights that were learned from it says of it (JSON values)."""
         manifest = self.manifest
         return {
             "checksum": self.checksum,
             "complete": manifest.complete,
-            "episodes": len(manifest.episodes),
+            "episodes": len(self.episodes),
             "settings": manifest.settings.model_dump(mode="json"),
             "sources": {net: source.checksums for net, source in manifest.sources.items()},
         }
@@ -114,11 +123,11 @@ class Dataset:
 
     def check_episodes(self) -> None:
         """Raise ``UserError`` if the file of an episode is not the one that was collected."""
-        for number in range(len(self.manifest.episodes)):
+        for number in range(len(self.episodes)):
             self._file(number)
 
     def _file(self, number: int) -> Path:
-        entry = self.manifest.episodes[number]
+        entry = self.episodes[number]
         path = self.path / EPISODES / entry.spec.file
         if not path.is_file():
             raise UserError(FIELD, path, "the episode is missing")
@@ -128,9 +137,9 @@ class Dataset:
 
     def load(self, number: int) -> EpisodeLog:
         """The log of an episode; ``UserError`` if its file is not the one that was collected."""
-        entry, path = self.manifest.episodes[number], self._file(number)
+        entry, path = self.episodes[number], self._file(number)
         log, _ = read_log(path)
-        if log.phase.shape != (entry.steps, self.networks[entry.spec.net].n):
+        if log.phase.shape != (entry.steps, self.networks[self.net(number)].n):
             raise UserError(FIELD, path, "it is of another network than its dataset says")
         return log
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from tsc_missing.network.model import BoolArray, IntArray
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.joined import Episodes
 from tsc_missing.offline.seen import saw_nothing
 from tsc_missing.seeding import stream
 
@@ -21,9 +21,9 @@ class EpisodePool:
     the oldest leaves for the next. Who is in at a step depends on the seed and the step only.
     """
 
-    def __init__(self, dataset: Dataset, seed: int, resident: int, renew: int) -> None:
+    def __init__(self, dataset: Episodes, seed: int, resident: int, renew: int) -> None:
         """Nothing is read yet."""
-        entries = dataset.manifest.episodes
+        entries = dataset.episodes
         self._dataset = dataset
         self._seed = seed
         self._renew = renew
@@ -50,12 +50,12 @@ class EpisodePool:
                 self._at[place] = position
 
     def _episode(self, position: int) -> int:
-        cycle, index = divmod(position, len(self._dataset.manifest.episodes))
+        cycle, index = divmod(position, len(self._dataset.episodes))
         return int(self._order(cycle)[index])
 
     @functools.lru_cache(maxsize=2)  # noqa: B019 - lives as long as the training
     def _order(self, cycle: int) -> IntArray:
-        count = len(self._dataset.manifest.episodes)
+        count = len(self._dataset.episodes)
         return stream(self._seed, f"episodes-{cycle}").permutation(count)
 
     def _load(self, place: int, episode: int) -> None:
@@ -68,8 +68,8 @@ class EpisodePool:
         cells[:, RECORDED] = log.recorded.ravel()
         self.phase[start : start + rows] = log.phase.ravel()
         self.episode[place] = episode
-        spec = self._dataset.manifest.episodes[episode].spec
-        network = self._dataset.networks[spec.net]
+        spec = self._dataset.episodes[episode].spec
+        network = self._dataset.networks[self._dataset.net(episode)]
         reports: BoolArray = np.any(log.recorded, axis=0)
         there = network.slot_mask
         self.unaware[place] = np.flatnonzero(

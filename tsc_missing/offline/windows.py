@@ -12,7 +12,7 @@ from tsc_missing.diffusion.windows import Windows
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, IntArray, Network
 from tsc_missing.network.slots import APPROACHES, MAX_NEIGHBOURS, N_SLOTS
-from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.joined import Episodes
 from tsc_missing.offline.log import FIELD
 from tsc_missing.offline.pool import RECORDED, RED_STEPS, EpisodePool
 from tsc_missing.offline.window_masks import MaskMix, WindowMasks, draw_masks
@@ -40,7 +40,7 @@ class WindowSampler:
 
     def __init__(
         self,
-        dataset: Dataset,
+        dataset: Episodes,
         history: int,
         horizon: int,
         mix: MaskMix,
@@ -53,7 +53,7 @@ class WindowSampler:
         self._path = dataset.path
         self._history = history
         self._length = history + horizon
-        shortest = min(entry.steps for entry in dataset.manifest.episodes)
+        shortest = min(entry.steps for entry in dataset.episodes)
         if shortest < self._length:
             raise UserError(
                 FIELD, dataset.path, f"episodes must have at least {self._length} steps"
@@ -63,11 +63,11 @@ class WindowSampler:
         self._told_all = told_all
         self._pool = EpisodePool(dataset, seed, resident, renew)
         self._cells = torch.from_numpy(self._pool.cells)
-        entries = dataset.manifest.episodes
+        entries = dataset.episodes
         self._steps = np.array([entry.steps for entry in entries])
         nets = list(dataset.networks)
         self._tables = _Tables([dataset.networks[net] for net in nets])
-        self._net = np.array([nets.index(entry.spec.net) for entry in entries])
+        self._net = np.array([nets.index(dataset.net(k)) for k in range(len(entries))])
 
     def sample(self, step: int, count: int) -> Windows:
         """The ``count`` windows of a training step."""

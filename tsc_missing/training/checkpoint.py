@@ -13,7 +13,7 @@ from torch import Tensor
 from tsc_missing.config import Settings
 from tsc_missing.errors import UserError
 from tsc_missing.files import replace_file
-from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.joined import Episodes
 
 FIELD = "checkpoint"
 FILE = "checkpoint.safetensors"
@@ -58,7 +58,7 @@ def load_checkpoint(path: Path) -> tuple[Progress, dict[str, Tensor]]:
 
 
 def check_same(
-    folder: Path, at: Progress, settings: Settings, resumable: Set[str], dataset: Dataset
+    folder: Path, at: Progress, settings: Settings, resumable: Set[str], dataset: Episodes
 ) -> None:
     """Raise ``UserError`` where a training in ``folder`` cannot be gone on with.
 

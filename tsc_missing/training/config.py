@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 from pydantic import Field, ValidationError
 
@@ -20,10 +20,13 @@ FIELD = "config"
 LOOKAHEAD = "lookahead"
 
 
+Paths = Annotated[tuple[Path, ...], Field(min_length=1)]
+
+
 class TrainingSettings(StepSettings):
     """Everything that the weights of a training depend on, and how often it is saved."""
 
-    data: Path  # the dataset's folder
+    data: Path | Paths  # the dataset's folder, or those of several, learned as one
     begin: str = ""  # weights that are trained further, a name or a path; none: fresh ones
     model: DiffLightConfig = DiffLightConfig()
     masks: MaskMix = MaskMix()

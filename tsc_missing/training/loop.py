@@ -14,7 +14,7 @@ from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.weights import load_weights, save_weights
 from tsc_missing.diffusion.windows import Windows, training_batch
 from tsc_missing.errors import UserError
-from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.joined import Episodes
 from tsc_missing.offline.windows import WindowSampler
 from tsc_missing.seeding import stream
 from tsc_missing.training.config import RESUMABLE, TrainingSettings
@@ -41,7 +41,7 @@ class Training(StepTraining[TrainingSettings, Seen]):
     """A training in a folder: metrics, a checkpoint, in the end the weights."""
 
     def __init__(
-        self, settings: TrainingSettings, dataset: Dataset, folder: Path, resume: bool = False
+        self, settings: TrainingSettings, dataset: Episodes, folder: Path, resume: bool = False
     ) -> None:
         """Check everything that can be wrong, and load the checkpoint to resume from."""
         super().__init__(settings, dataset, folder)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from tsc_missing.errors import UserError
 from tsc_missing.files import check_begun_training, check_new_training
-from tsc_missing.offline.dataset import Dataset
+from tsc_missing.offline.joined import Episodes
 from tsc_missing.seeding import stream
 from tsc_missing.training import checkpoint
 from tsc_missing.training.metrics import MetricsLog
@@ -42,7 +42,7 @@ class StepTraining(ABC, Generic[P, S]):
     ``__init__`` seeds torch for fresh weights; ``_begin`` then loads the checkpoint to resume from.
     """
 
-    def __init__(self, settings: P, dataset: Dataset, folder: Path) -> None:
+    def __init__(self, settings: P, dataset: Episodes, folder: Path) -> None:
         """Nothing is checked yet."""
         self.folder = folder
         self.step = 0
