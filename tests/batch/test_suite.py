@@ -118,6 +118,20 @@ def test_what_bounds_a_controller_is_of_its_method(tmp_path):
     assert {run.dataset for run in runs} == {"jinan_1, horizon 60", "jinan_1, horizon 90"}
 
 
+def test_a_list_of_tables_is_an_axis(tmp_path):
+    text = (
+        '[[runs]]\nmethod = "max-queue"\nsignals = [{yellow = 3}, {yellow = 4, all_red = 1}]\n'
+        'sensor = [{kind = "lane"}, {kind = "area", length = 30.0}]\n'
+    )
+    runs = read_suite(str(write(tmp_path, text))).runs
+    assert [run.dataset for run in runs] == [
+        "jinan_1, yellow 3, kind lane",
+        "jinan_1, yellow 3, kind area, length 30.0",
+        "jinan_1, yellow 4, all_red 1, kind lane",
+        "jinan_1, yellow 4, all_red 1, kind area, length 30.0",
+    ]
+
+
 def test_changes_replace_what_the_file_says(tmp_path):
     text = (
         "[[runs]]\nmethod = 'random'\nmissing = {pattern='random', rate=[0.1, 0.2]}\nseed = [0, 1]"
@@ -260,9 +274,12 @@ def test_an_unknown_controller_is_no_want_of_weights(tmp_path):
         ("a", "A", "a_"),
         ("none", "x"),
         ("y" * 300, "z"),
+        ("y" * 90 + "1", "y" * 90 + "2"),
+        ("a", "a-N"),
     ],
 )
-def test_suites_of_outages_can_be_read_whatever_intersections_are_called(ids, tmp_path):
+@pytest.mark.parametrize("approaches", [False, True])
+def test_suites_of_outages_can_be_read_whatever_intersections_are_called(ids, approaches, tmp_path):
     network = grid_network(1, len(ids))
     nodes = zip(network.record.intersections, ids, strict=True)
     called = tuple(node.model_copy(update={"id": name}) for node, name in nodes)
@@ -270,13 +287,18 @@ def test_suites_of_outages_can_be_read_whatever_intersections_are_called(ids, tm
     network = Network("städtchen", record)
     out = tmp_path / "s"
     names = write_outage_suite(
-        network, out, False, {"method": ["max-queue"], "net": "jinan", "seed": [0, 1]}
+        network, out, approaches, {"method": ["max-queue"], "net": "jinan", "seed": [0, 1]}
     )
     suite = read_suite(str(out / "suite.toml"))
-    assert len({run.name for run in suite.runs}) == 2 * (len(ids) + 1)
+    each = [n for n in range(len(ids)) for _ in range(4 if approaches else 1)]
+    assert len({run.name for run in suite.runs}) == 2 * (len(each) + 1)
+    assert len({run.case for run in suite.runs}) == len(each) + 1
     assert {run.case for run in suite.runs if not run.settings.missing.file} == {"none"}
     assert "none" not in {run.case for run in suite.runs if run.settings.missing.file}
-    for n, name in enumerate(names):
+    dark = np.zeros_like(network.slot_mask)
+    for n, name in zip(each, names, strict=True):
         mask = read_outages(out / name, network, 2, 15.0) | ~network.slot_mask
-        assert not mask[:, n][:, network.slot_mask[n]].any()
+        assert (~mask[0, n]).sum() == network.slot_mask[n].sum() / (4 if approaches else 1)
         assert np.delete(mask, n, axis=1).all()
+        dark |= ~mask[0]
+    assert (dark == network.slot_mask).all()

@@ -1,5 +1,6 @@
 """``tsc-net import`` of SUMO nets and OSM extracts, and runs on them, as a user does it."""
 
+import gzip
 import importlib.util
 import json
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 
 from tests.cli.test_bad_input import refused
 from tests.sumo_files import star, town, write_routes
+from tsc_missing.network.folder import read_folder
 from tsc_missing.network.netconvert import sumo_tool
 
 BEGIN = 25200
@@ -106,7 +108,7 @@ def test_vehicles_keep_their_ids_and_types(imported, command):
     assert table["vehicle"] == list(range(32))
     of = {name: row for row, name in enumerate(table["id"])}
     assert table["type"][of["v"]] == "truck"
-    assert table["type"][of["t3"]] == table["type"][of["f.1"]] == "car.recorded"
+    assert table["type"][of["t3"]] == table["type"][of["f.1"]] == "car"
     assert (table["origin"][of["t3"]], table["scheduled"][of["t3"]]) == ("in_3", 6)
 
 
@@ -226,6 +228,56 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     assert done.returncode == 0, done.stderr
     assert ", 1 vehicle\n" in done.stdout
     assert "5 vehicles, trips or flows name roads that the net lacks" in done.stdout
+
+
+def test_packed_files_and_times_of_day(crossing, command, tmp_path):
+    names = ("star.net.xml", "cars.rou.xml")
+    for name in names:
+        with gzip.open(tmp_path / f"{name}.gz", "wb") as packed:
+            packed.write((crossing / name).read_bytes())
+    net, cars = (tmp_path / f"{name}.gz" for name in names)
+    arguments = ("net", "import", "--sumo-net", net, "--horizon", 300, "--begin", BEGIN)
+    done = command(*arguments, "--routes", cars, "--out", "packed")
+    assert done.returncode == 0, done.stderr
+    assert "packed: 1 intersection, 31 vehicles" in done.stdout
+    clock = write_routes(
+        tmp_path / "clock.rou.xml",
+        '<trip id="a" depart="7:04:10" from="in_0" to="out_2"/>',
+        f'<trip id="b" depart="{BEGIN + 20}" from="in_0" to="out_2"/>',
+        '<flow id="f" begin="6:59:00" end="0:7:02:00" number="3" from="in_1" to="out_2"/>',
+        '<trip id="late" depart="0:07:05:00" from="in_0" to="out_2"/>',
+    )
+    done = command(*arguments, "--routes", clock, "--out", "clock")
+    assert done.returncode == 0, done.stderr
+    assert "clock: 1 intersection, 4 vehicles" in done.stdout
+    assert "note: 1 vehicles that depart before" in done.stdout
+    assert "sorted" not in done.stdout
+    whole = (crossing / "cars.rou.xml").read_bytes()
+    cars.write_bytes(gzip.compress(whole)[:-20])
+    refused(command, *arguments, "--routes", cars, "--out", "x", words=["routes", "damaged"])
+
+
+def test_lanes_for_bicycles_and_trams_have_links_and_no_cars(command, tmp_path):
+    """Their links are the signal's, but cars neither enter nor leave by them."""
+    grid = ("--grid", "--grid.number=2", "--grid.attach-length=200", "--grid.length=300", "-L", "2")
+    signals = ("--default-junction-type=traffic_light", "--no-turnarounds")
+    sizes = {}
+    for name, more in (("plain", ()), ("more", ("--sidewalks.guess", "--bikelanes.guess"))):
+        net = tmp_path / f"{name}.net.xml"
+        words = [sumo_tool("netgenerate"), *grid, *signals, *more, "-o", str(net)]
+        subprocess.run(words, check=True, capture_output=True)
+        demand = ("--vehicles-per-hour", 35_000, "--horizon", 150)
+        done = command("net", "import", "--sumo-net", net, *demand, "--out", name)
+        assert done.returncode == 0, done.stderr
+        assert "its 2 lanes take" in done.stdout
+        assert run(command, command.cwd / name, "--controller", "fixed-time")["result"]["inserted"]
+        assert command("net", "check", name).returncode == 0
+        network = read_folder(command.cwd / name, name).network
+        lanes = network.record.lanes
+        assert {link.to_lane for node in network.intersections for link in node.links} <= set(lanes)
+        sizes[name] = network.exit_lane_count.max()
+    assert any(lane.aside for lane in lanes.values())
+    assert sizes["plain"] == sizes["more"] == 2
 
 
 def test_bad_extracts(command, tmp_path):

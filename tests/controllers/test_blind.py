@@ -103,9 +103,9 @@ def test_familiar_leaves_what_the_weights_never_saw():
 
 def test_movements_that_share_a_lane_are_not_of_the_learned_kind(network, monkeypatch):
     assert learned_kind(network)[A]
-    joined = network.slots_in_common.copy()
-    joined[A, 5] = joined[A, 4]
-    monkeypatch.setitem(vars(network), "slots_in_common", joined)
+    shared = network.shares_lanes.copy()
+    shared[A, 4:6] = True
+    monkeypatch.setitem(vars(network), "shares_lanes", shared)
     assert not learned_kind(network)[A]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.sumo_files import star
+from tsc_missing.config import MissingSettings
 from tsc_missing.errors import UserError
 from tsc_missing.network.grid import GridSpec, build_grid
 from tsc_missing.network.importing_sumo import _copy_net
@@ -14,6 +15,8 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool, write_net
 from tsc_missing.network.slots import N_SLOTS, RIGHT, TURNS, slot_name
 from tsc_missing.network.sumo import compile_sumo, open_net, yellow_for
+from tsc_missing.sensing.outage_list import read_outages
+from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.simulation.detectors import covered_lanes
 from tsc_missing.simulation.states import check_state, green_state, sumo_state
 
@@ -254,6 +257,58 @@ def test_neighbours_are_found_through_junctions_without_signals(tmp_path):
     short = max(parts[0].distance for parts in network.record.reach.values())
     assert covered_lanes(network, short / 2) == network.entrance_lanes
     assert covered_lanes(network, short + 1) == network.sensor_lanes
+
+
+@pytest.fixture
+def pockets(tmp_path):
+    """Short turning lanes that part from common lanes, which their sensors cover too."""
+    target = tmp_path / "pockets.net.xml"
+    options = ["--grid", "--grid.number=3", "--turn-lanes=1", "--default.lanenumber=2"]
+    more = ["--default-junction-type=traffic_light", "--random-lanenumber", "--random-priority"]
+    command = [sumo_tool("netgenerate"), *options, *more, "-o", str(target)]
+    subprocess.run(command, check=True, capture_output=True)
+    return read(target)[1]
+
+
+def assert_common_sensors_fail_together(network, mask):
+    lanes, flat, _ = network.sensor_slots
+    reports = mask.reshape(len(mask), -1)
+    for lane in range(len(network.sensor_lanes)):
+        of_lane = reports[:, flat[lanes == lane]]
+        assert (of_lane == of_lane[:, :1]).all()
+
+
+def test_slots_with_a_sensor_in_common_fail_together(pockets, tmp_path):
+    """What is shared upstream of short lanes would tell of what is not seen."""
+    lanes, _, _ = pockets.sensor_slots
+    upstream = lanes >= len(pockets.entrance_lanes)
+    assert (np.bincount(lanes[upstream]) > 1).any()
+    assert not pockets.shares_lanes.all()
+    for pattern in ("random", "lane", "mixed"):
+        mask = draw_mask(MissingSettings(pattern=pattern, rate=0.4), pockets, 20, 3)
+        assert not mask[:, pockets.slot_mask].all()
+        assert_common_sensors_fail_together(pockets, mask)
+    for n, slot in zip(*np.nonzero(pockets.slot_mask), strict=True):
+        line = f"{pockets.ids[n]},{slot_name(int(slot))}"
+        (tmp_path / "a.csv").write_text(f"intersection,slot\n{line}\n")
+        mask = read_outages(tmp_path / "a.csv", pockets, 2, 15.0)
+        assert not mask[:, n, slot].any()
+        assert_common_sensors_fail_together(pockets, mask)
+
+
+def test_a_lane_has_a_sensor_for_one_intersection(pockets):
+    """Where two could see a lane, it is of the one with the nearer stop line."""
+    parts = dict(pockets.record.reach)
+    entrance, (part, *_) = next(iter(parts.items()))
+    (home,) = {n for n, slots in enumerate(pockets.slot_lanes) if entrance in sum(slots, ())}
+    other = sum(pockets.slot_lanes[home - 1], ())[0]
+    for metres, owner in ((-1.0, (home - 1) % pockets.n), (1.0, home)):
+        further = part.model_copy(update={"distance": part.distance + metres})
+        reach = {**parts, other: (*parts.get(other, ()), further)}
+        network = Network("it", pockets.record.model_copy(update={"reach": reach}))
+        lanes, flat, _ = network.sensor_slots
+        of_lane = flat[lanes == network.sensor_lanes.index(part.lane)]
+        assert set(of_lane // N_SLOTS) == {owner}
 
 
 def test_yellow_follows_from_the_speed():

@@ -14,7 +14,7 @@ from tsc_missing.sensing.outage_list import COLUMNS
 FIELD = "--out"
 SUITE = "suite.toml"
 NOTHING = "none"  # the case of the runs that the others are held against
-LONGEST = 80  # characters of a file's name
+LONGEST = 80  # characters of an id in a file's name
 
 
 def write_outage_suite(
@@ -43,10 +43,12 @@ def _outages(network: Network, approaches: bool) -> Iterator[tuple[str, tuple[st
         there = network.slot_mask[n].reshape(-1, len(TURNS)).any(axis=1)
         names = [a for a, one in zip(APPROACHES, there, strict=True) if one] if approaches else [""]
         for approach in names:
-            plain = "-".join(filter(None, (identity, approach)))
-            name = slug(plain)[:LONGEST]
-            if name != plain or name.lower() in taken:  # several ids may come to the same
-                name = f"{name}-{n}"
+            short = slug(identity)[:LONGEST]
+            plain = "-".join(filter(None, (short, approach)))
+            if short == identity and plain.lower() not in taken:
+                name = plain
+            else:  # several ids may come to the same
+                name = "-".join(filter(None, (short, str(n), approach)))
             taken.add(name.lower())
             yield f"{name}.csv", (identity, approach)
 

@@ -180,8 +180,10 @@ class _Reader:
         method = str(values.pop(("method",)))
         about, settings = self._methods.get(method, ({}, {("controller",): method}))
         settings = dict(settings)
+        named: list[Key] = []  # what varies, where a list of tables is an axis the keys in these
         for key, value in values.items():
-            parts = leaves(value, key) if isinstance(value, Mapping) else [(key, value)]
+            parts = list(leaves(value, key)) if isinstance(value, Mapping) else [(key, value)]
+            named += [part for part, _ in parts if key in varied]
             for part, single in parts:
                 if part not in SETTINGS:
                     self._unknown(where, dotted(part), map(dotted, SETTINGS))
@@ -195,7 +197,7 @@ class _Reader:
             run = RunSettings.model_validate(nested(settings))
             if isinstance(about.get("train"), str):
                 about = {**about, "train": fill_in(about["train"], run)}
-            return RunSpec(**about, **_labels(method, run, settings, varied), settings=run)
+            return RunSpec(**about, **_labels(method, run, settings, named), settings=run)
         except ValidationError as error:
             self._wrong(where, first_problem(error))
 
@@ -216,7 +218,7 @@ def _labels(
 ) -> dict[str, str]:
     """The run's name, and its dataset, case and method in words."""
     named = ("net", "missing", "method", "seed")
-    extra = [key for key in varied if key[0] not in named and key in settings]
+    extra = [key for key in varied if key[0] not in named]
     decides = [key for key in extra if key[0] in METHOD_GROUPS or key in METHOD_KEYS]
     of_method = [f"{key[-1]} {settings[key]}" for key in decides]
     of_scene = [f"{key[-1]} {settings[key]}" for key in extra if key not in decides]

@@ -5,7 +5,7 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.wrapper import Wrapper
 from tsc_missing.network.model import BoolArray, IntArray, Network
-from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS
+from tsc_missing.network.slots import APPROACHES, TURNS
 from tsc_missing.sensing.observation import Observation
 
 STALE_STEPS = 8  # two minutes at a decision every 15 s: longer than most cycles
@@ -75,4 +75,4 @@ def learned_kind(network: Network) -> BoolArray:
     """
     by_side = network.slot_mask.reshape(network.n, len(APPROACHES), len(TURNS))
     four_sides = np.all(by_side.any(axis=2), axis=1)
-    return np.asarray(four_sides & np.all(network.slots_in_common == np.arange(N_SLOTS), axis=1))
+    return np.asarray(four_sides & ~network.shares_lanes.any(axis=1))

@@ -11,10 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import sumolib
+
 from tsc_missing.demand.sumo import read_routes
-from tsc_missing.demand.trips import VEHICLE_TYPE_ID, Demand
+from tsc_missing.demand.trips import NAMESAKE, VEHICLE_TYPE_ID, Demand
 from tsc_missing.errors import UserError
 from tsc_missing.network.netconvert import sumo_tool
+from tsc_missing.network.sumo_files import parse_xml, seconds_of
 
 NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
 TRAFFIC = ("vehicle", "trip", "flow")
@@ -72,12 +75,7 @@ class Given:
 
     def add(self, path: Path, field: str) -> None:
         """Take in a file, without what is no car's."""
-        try:
-            root = ElementTree.parse(path).getroot()
-        except OSError as error:
-            raise UserError(field, path, f"the file cannot be read ({error.strerror})") from None
-        except ElementTree.ParseError as error:
-            raise UserError(field, path, f"not valid XML ({error})") from None
+        root = parse_xml(path, field)
         if root.tag not in ("routes", "additional", "trips"):
             raise UserError(field, path, f"it must be a SUMO route file, not one of <{root.tag}>")
         self.counts.update(child.tag for child in root)
@@ -116,7 +114,7 @@ class Given:
         return found
 
     def departures(self) -> dict[str, float]:
-        """When single vehicles depart [s], by id, as far as a number says so."""
+        """When single vehicles depart [s], by id, as far as a time says so."""
         return {
             element.get("id", ""): _seconds(element)
             for element in self.traffic
@@ -135,10 +133,11 @@ class Given:
 def _roads(net: Path) -> Set[str]:
     """The ids of a net's roads."""
     found = set()
-    for _, element in ElementTree.iterparse(net):
-        if element.tag == "edge":
-            found.add(element.get("id", ""))
-            element.clear()
+    with sumolib.openz(str(net), "rb") as stream:
+        for _, element in ElementTree.iterparse(stream):
+            if element.tag == "edge":
+                found.add(element.get("id", ""))
+                element.clear()
     return found
 
 
@@ -152,9 +151,9 @@ def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
 
 
 def _seconds(element: ElementTree.Element) -> float:
-    """The departure of a vehicle, or the begin of a flow [s]; 0 where it is not a number."""
+    """The departure of a vehicle, or the begin of a flow [s]; 0 where it is no time."""
     try:
-        return float(element.get("depart", element.get("begin", "0")))
+        return seconds_of(element.get("depart", element.get("begin", "0")))
     except ValueError:
         return 0.0
 
@@ -164,7 +163,7 @@ def _ends(element: ElementTree.Element) -> float:
     if element.tag != "flow":
         return _seconds(element)
     try:
-        return float(element.get("end", "inf"))
+        return seconds_of(element.get("end", "inf"))
     except ValueError:
         return math.inf
 
@@ -209,7 +208,7 @@ def _without_clash(path: Path, demand: Demand, begin: float, horizon: float) -> 
     own = f'"{VEHICLE_TYPE_ID}"'
     if f"id={own}" not in text and f"type={own}" not in text:
         return demand
-    renamed = f'"{VEHICLE_TYPE_ID}.recorded"'
+    renamed = f'"{NAMESAKE}"'
     text = text.replace(f"type={own}", f"type={renamed}").replace(
         f"<vType id={own}", f"<vType id={renamed}"
     )

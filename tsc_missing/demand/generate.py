@@ -177,7 +177,7 @@ def generate_through_net(
         raise UserError(
             "vehicles-per-hour", spec.vehicles_per_hour, "no road of the net leads to another"
         )
-    speeds = {k: [lane.getSpeed() for lane in roads[k].getLanes()] for k in totals}
+    speeds = {k: [lane.getSpeed() for lane in _car_lanes(roads[k])] for k in totals}
     arrivals = {road: row.tolist() for road, row in totals.items()}
     warnings = [f"warning: {w}" for w in entry_warnings(arrivals, speeds, VehicleType())]
     found = _fastest(Demand.of(trips), net_file, begin, horizon, seed)
@@ -185,7 +185,11 @@ def generate_through_net(
 
 
 def _size(edge: Any) -> float:
-    return float(edge.getLaneNumber() * edge.getSpeed())
+    return float(len(_car_lanes(edge)) * edge.getSpeed())
+
+
+def _car_lanes(edge: Any) -> list[Any]:
+    return [lane for lane in edge.getLanes() if lane.allows("passenger")]
 
 
 def _turns(roads: Mapping[str, Any]) -> dict[str, dict[str, int]]:

@@ -39,7 +39,7 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
         raise UserError(FIELD, path, f"not a route file that can be read ({error})") from None
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
-    used = {trip.type for trip in trips if trip.attributes is not None}
+    used = {trip.written_type for trip in trips}
     return Demand.of(trips, (text for name, text in types.items() if name in used))
 
 

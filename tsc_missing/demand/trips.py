@@ -14,6 +14,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.slots import N_SLOTS
 
 VEHICLE_TYPE_ID = "car"
+NAMESAKE = f"{VEHICLE_TYPE_ID}.recorded"  # how a source's type of that name is written
 
 Attributes = tuple[tuple[str, str], ...]
 
@@ -33,8 +34,15 @@ class Trip:
 
     @property
     def type(self) -> str:
-        """The id of its vehicle type; empty where the source says none."""
-        return VEHICLE_TYPE_ID if self.attributes is None else dict(self.attributes).get("type", "")
+        """The id of its vehicle type, as the source has it; empty where that says none."""
+        if self.written_type in (None, NAMESAKE):
+            return VEHICLE_TYPE_ID
+        return self.written_type
+
+    @property
+    def written_type(self) -> str | None:
+        """The id of its vehicle type in route files; None: the run's own car."""
+        return None if self.attributes is None else dict(self.attributes).get("type", "")
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def _waits_for_gaps(
 
 
 def _lanes(net: Any, network: Network, detector: float) -> list[Finding]:
-    lanes, reach = network.record.lanes, network.record.reach or {}
+    lanes, reach = network.record.lanes, network.reach
     entrances = network.entrance_lanes
     roads = {road for node in network.intersections for road in node.roads}
     dead = [

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from tsc_missing.network.records import IntersectionRecord, NetworkRecord
+from tsc_missing.network.records import IntersectionRecord, NetworkRecord, ReachRecord
 from tsc_missing.network.slots import MAX_NEIGHBOURS, N_SLOTS
 
 BoolArray = npt.NDArray[np.bool_]
@@ -90,40 +90,68 @@ class Network:
         return lanes, flat, 1.0 / np.bincount(lanes)[lanes]
 
     @cached_property
-    def slots_in_common(self) -> IntArray:
-        """(N, 12): the first of the slots that a slot shares lanes with, often itself.
+    def shares_lanes(self) -> BoolArray:
+        """(N, 12): whether a slot shares an entrance lane with another."""
+        _, flat, weight = self.lane_slots
+        shared = np.bincount(flat, weight < 1, minlength=self.n * N_SLOTS) > 0
+        return np.asarray(shared.reshape(self.n, N_SLOTS))
 
-        Sensors are of lanes, so slots with a lane in common report or are silent together: a
-        shared lane counts for each of them in equal parts, and one would tell of the other.
+    @cached_property
+    def slots_in_common(self) -> IntArray:
+        """(N, 12): the first of the slots that a slot shares sensors with, often itself.
+
+        Sensors are of lanes, so slots with a lane in common, upstream of short ones too, report or
+        are silent together: a shared lane counts for each of them in parts, and one would tell of
+        the other.
         """
-        first = np.tile(np.arange(N_SLOTS), (self.n, 1))
-        for n, slots in enumerate(self.slot_lanes):
-            for slot, lanes in enumerate(slots):
-                for other in range(slot):
-                    if not set(lanes).isdisjoint(slots[other]):
-                        joined = first[n] == first[n, slot]
-                        first[n, joined | (first[n] == first[n, other])] = min(
-                            first[n, slot], first[n, other]
-                        )
-        return first
+        lanes, flat, _ = self.sensor_slots
+        first = np.arange(self.n * N_SLOTS)
+        for lane in range(len(self.sensor_lanes)):
+            joined = np.isin(first, first[flat[lanes == lane]])
+            if joined.any():
+                first[joined] = first[joined].min()
+        return first.reshape(self.n, N_SLOTS) % N_SLOTS
+
+    @cached_property
+    def reach(self) -> dict[str, tuple[ReachRecord, ...]]:
+        """For short entrance lanes the lanes upstream that their sensors cover.
+
+        A lane has a sensor for one intersection only, the one with the nearest stop line: else
+        what one does not see another would tell.
+        """
+        reach = self.record.reach or {}
+        lanes, flat, _ = self.lane_slots
+        at = {
+            self.entrance_lanes[k]: int(slot) // N_SLOTS
+            for k, slot in zip(lanes, flat, strict=True)
+        }
+        nearest: dict[str, tuple[float, int]] = {}
+        for lane in self.entrance_lanes:
+            for part in reach.get(lane, ()):
+                found = (part.distance, at[lane])
+                nearest[part.lane] = min(found, nearest.get(part.lane, found))
+        kept = {
+            lane: tuple(part for part in reach[lane] if nearest[part.lane][1] == at[lane])
+            for lane in self.entrance_lanes
+            if lane in reach
+        }
+        return {lane: parts for lane, parts in kept.items() if parts}
 
     @cached_property
     def sensor_lanes(self) -> tuple[str, ...]:
         """The lanes that sensors cover: the entrance lanes, then those upstream of short ones."""
-        reach = self.record.reach or {}
-        upstream = (part.lane for lane in self.entrance_lanes for part in reach.get(lane, ()))
+        upstream = (part.lane for parts in self.reach.values() for part in parts)
         return tuple(dict.fromkeys((*self.entrance_lanes, *upstream)))
 
     @cached_property
     def sensor_slots(self) -> tuple[IntArray, IntArray, FloatArray]:
         """As ``lane_slots``, with positions in ``sensor_lanes``."""
         lanes, flat, weight = self.lane_slots
-        reach = self.record.reach or {}
         position = {lane: k for k, lane in enumerate(self.sensor_lanes)}
         more = [
             (position[part.lane], slot, part.share * part_of)
             for lane, slot, part_of in zip(lanes, flat, weight, strict=True)
-            for part in reach.get(self.entrance_lanes[lane], ())
+            for part in self.reach.get(self.entrance_lanes[lane], ())
         ]
         if not more:
             return lanes, flat, weight
@@ -187,7 +215,8 @@ class Network:
         """For each slot all lanes of the roads that its movement leads to."""
         roads: dict[str, list[str]] = {}
         for name, lane in self.record.lanes.items():
-            roads.setdefault(lane.road, []).append(name)
+            if not lane.aside:
+                roads.setdefault(lane.road, []).append(name)
         return tuple(
             tuple(
                 tuple(
@@ -199,7 +228,7 @@ class Network:
                             if link.slot == slot
                         }
                     )
-                    for lane in sorted(roads[road])
+                    for lane in sorted(roads.get(road, []))
                 )
                 for slot in range(N_SLOTS)
             )

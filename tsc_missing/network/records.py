@@ -93,13 +93,15 @@ class ReachRecord(Record):
 class LaneRecord(Record):
     """A lane of the network: its road, length [m] and speed limit [m/s].
 
-    ``no_cars`` is true where buses or lorries may drive and cars may not.
+    ``no_cars`` is true where buses or lorries may drive and cars may not, ``aside`` where neither
+    may: for trams, bicycles and the like. Such a lane is only here because a signal link uses it.
     """
 
     road: str
     length: float
     speed: float
     no_cars: bool | None = None
+    aside: bool | None = None
 
 
 class NetworkRecord(Record):

@@ -130,10 +130,12 @@ def compile_sumo(
             f"no signal in it has anything to decide: {', '.join(left_out)}",
         )
     source.notes += _notes(source, intersections, left_out, chosen)
-    entrances = {lane for node in intersections for lane in (k.from_lane for k in node.links)}
+    linked = {
+        lane for node in intersections for k in node.links for lane in (k.from_lane, k.to_lane)
+    }
     return NetworkRecord(
         intersections=tuple(intersections),
-        lanes=_lanes(source, entrances),
+        lanes=_lanes(source, linked),
         upstream=_upstream(source, intersections),
         reach=_reach(source, intersections) or None,
         left_hand=source.left_hand or None,
@@ -178,18 +180,19 @@ def yellow_for(speed: float) -> int:
     return max(SHORTEST_YELLOW, math.ceil(REACTION + speed / (2 * BRAKING)))
 
 
-def _lanes(source: SumoNet, entrances: Collection[str]) -> dict[str, LaneRecord]:
-    """All lanes but those for nobody but pedestrians, bicycles and trains."""
+def _lanes(source: SumoNet, linked: Collection[str]) -> dict[str, LaneRecord]:
+    """All lanes of cars, buses and lorries, and the ``linked`` ones, whoever may use them."""
     return {
         lane.getID(): LaneRecord(
             road=edge.getID(),
             length=lane.getLength(),
             speed=max(lane.getSpeed(), 0.1),
             no_cars=None if lane.allows("passenger") else True,
+            aside=None if carries_cars(lane) else True,
         )
         for edge in sorted(source.net.getEdges(), key=lambda edge: str(edge.getID()))
         for lane in edge.getLanes()
-        if lane.getID() in entrances or carries_cars(lane)
+        if lane.getID() in linked or carries_cars(lane)
     }
 
 

@@ -1,9 +1,12 @@
 """SUMO's files around a net: configurations, and the signal programs of additional files."""
 
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
+
+import sumolib
 
 from tsc_missing.errors import UserError
 from tsc_missing.network.sumo_links import NO_SIGNALS
@@ -53,7 +56,7 @@ def find_files(given: Path) -> SumoFiles:
         raise UserError(FIELD, given, "there is no such file")
     if given.suffix != CONFIGURATION:
         return SumoFiles(given)
-    root = _parse(given)
+    root = parse_xml(given)
     values = {element.tag: element.get("value", element.get("v", "")) for element in root.iter()}
 
     def paths(*names: str) -> tuple[Path, ...]:
@@ -75,24 +78,31 @@ def find_files(given: Path) -> SumoFiles:
 
 
 def _seconds(values: dict[str, str], name: str, path: Path) -> float | None:
-    """A time as SUMO writes it: seconds, or (days:)hours:minutes:seconds; below 0 means none."""
+    """The time of that name; None where there is none, or one below 0."""
     text = values.get(name, "").strip()
     if not text:
         return None
     try:
-        parts = [float(part) for part in text.split(":")]
+        seconds = seconds_of(text)
     except ValueError:
         raise UserError(FIELD, path, f"{name} must be a time, not {text!r}") from None
-    units = (1.0, 60.0, 3600.0, 86400.0)
-    seconds = sum(part * unit for part, unit in zip(reversed(parts), units, strict=False))
     return seconds if seconds >= 0 else None
+
+
+def seconds_of(text: str) -> float:
+    """A time as SUMO writes it [s]: seconds, or (days:)hours:minutes:seconds; ``ValueError``."""
+    parts = [float(part) for part in text.split(":")]
+    units = (1.0, 60.0, 3600.0, 86400.0)
+    if len(parts) > len(units) or len(parts) == 2:
+        raise ValueError(f"no time: {text}")
+    return sum(part * unit for part, unit in zip(reversed(parts), units, strict=False))
 
 
 def read_additional(paths: tuple[Path, ...]) -> Additional:
     """The signal programs of additional files, and which of the files hold demand."""
     found = Additional()
     for path in paths:
-        root = _parse(path)
+        root = parse_xml(path)
         if any(child.tag in DEMAND for child in root):
             found.demand.append(path)
         found.has_traffic |= any(child.tag in DEMAND[:3] for child in root)
@@ -112,10 +122,13 @@ def write_programs(additional: Additional, target: Path) -> None:
         ElementTree.ElementTree(root).write(target, encoding="utf-8")
 
 
-def _parse(path: Path) -> ElementTree.Element:
+def parse_xml(path: Path, field: str = FIELD) -> ElementTree.Element:
+    """The root of an XML file, plain or gzipped; ``UserError`` in the name of ``field``."""
     try:
-        return ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise UserError(FIELD, path, f"the file cannot be read ({error.strerror})") from None
+        with sumolib.openz(str(path), "rb") as stream:
+            return ElementTree.parse(stream).getroot()
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or "damaged"
+        raise UserError(field, path, f"the file cannot be read ({reason})") from None
     except ElementTree.ParseError as error:
-        raise UserError(FIELD, path, f"not valid XML ({error})") from None
+        raise UserError(field, path, f"not valid XML ({error})") from None

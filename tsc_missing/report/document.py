@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
+from tsc_missing.report.conditions import unlike
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
 from tsc_missing.report.pictures import Picture, pictures_of
@@ -72,6 +73,10 @@ def _about(results: Results) -> list[str]:
     notes = warnings(results)
     if notes:
         lines += ["Runs that did not go as runs should:", "", *(f"- {n}" for n in notes), ""]
+    differing = unlike(results)
+    if differing:
+        words = "Methods of one table did not run alike, so they differ in more than the method:"
+        lines += [words, "", *(f"- {escaped(one)}" for one in differing), ""]
     return lines
 
 

@@ -45,8 +45,8 @@ def _distance(network: Network, lane: str) -> float:
     """From the lane's end to the nearest stop line that it has a sensor for [m]."""
     if lane in network.entrance_lanes:
         return 0.0
-    reach = (network.record.reach or {}).values()
-    return min(part.distance for parts in reach for part in parts if part.lane == lane)
+    parts = (part for parts in network.reach.values() for part in parts)
+    return min(part.distance for part in parts if part.lane == lane)
 
 
 def _exit_name(lane: str) -> str:
@@ -81,12 +81,22 @@ class Detectors:
             names = tuple(map(_exit_name, exits))
         self._lanes = (*self._sensors, *names)
         self._exits = {lane: len(self._sensors) + k for k, lane in enumerate(exits)}
+        self._vehicle = api.vehicle
+        self._onward = {} if sensor.kind == "lane" else self._where_lanes_lead(api.lane)
         self._subscribed = not hasattr(api, "isLibsumo")  # a connection of TraCI
         if self._subscribed:
             for lane in self._lanes:
                 self._domain.subscribe(lane, [VEHICLE_NUMBER, HALTING_NUMBER])
         self._lane, self._slot, self._weight = self._sensor_table()
         self._exit_lane, self._exit_slot = self._exit_table()
+
+    def _where_lanes_lead(self, lanes: Any) -> dict[int, list[str]]:
+        """For the sensors upstream, by their position, those that their lanes lead to."""
+        found = {}
+        for k in range(len(self._network.entrance_lanes), len(self._sensors)):
+            after = {link[0] for link in lanes.getLinks(self._sensors[k])}
+            found[k] = sorted(after.intersection(self._sensors))
+        return found
 
     def _sensor_table(self) -> tuple[IntArray, IntArray, FloatArray]:
         """The network's table of sensors, of the lanes that are covered, by their position here."""
@@ -124,7 +134,17 @@ class Detectors:
                 halting(lane) if count else 0
                 for lane, count in zip(self._sensors, vehicles, strict=False)
             ]
+        for k, after in self._onward.items():
+            twice = self._seen_twice(k, after) if vehicles[k] else ()
+            vehicles[k] -= len(twice)
+            queue[k] -= sum(self._vehicle.getSpeed(name) < HALTING_SPEED for name in twice)
         return np.array(vehicles, dtype=float), np.array(queue, dtype=float)
+
+    def _seen_twice(self, sensor: int, after: list[str]) -> set[str]:
+        """The vehicles on a lane-area detector that stand on one of those ``after`` it, too."""
+        ids = self._domain.getLastStepVehicleIDs
+        further = {name for lane in after for name in ids(lane)}
+        return further.intersection(ids(self._sensors[sensor]))
 
     def read(self) -> Measurement:
         """The truth now, for all intersections and slots."""
