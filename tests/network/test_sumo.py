@@ -243,6 +243,9 @@ def test_neighbours_are_found_through_junctions_without_signals(tmp_path):
     _, network = read(cut)
     assert (network.neighbours == whole.neighbours).all()
     assert (network.adjacency == whole.adjacency).all()
+    assert (network.downstream == whole.downstream).all()
+    out = {lane for lanes in network.boundary_lanes for lane in lanes}
+    assert not out & set(network.sensor_lanes)
     assert whole.record.reach is None
     assert network.record.reach
     lanes = network.record.lanes

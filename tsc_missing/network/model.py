@@ -242,12 +242,13 @@ class Network:
 
     @cached_property
     def downstream(self) -> IntArray:
-        """(N, 12, D): flat slots on the roads that a slot's movement leads to, -1 for none."""
+        """(N, 12, D): flat slots on the roads that a slot's movement leads to, -1 for none.
+
+        Those whose sensors cover a lane of such a road.
+        """
         flat: dict[str, list[int]] = {}
-        for n, slots in enumerate(self.slot_lanes):
-            for slot, lanes in enumerate(slots):
-                for lane in lanes:
-                    flat.setdefault(lane, []).append(n * N_SLOTS + slot)
+        for lane, slot in zip(*self.sensor_slots[:2], strict=True):
+            flat.setdefault(self.sensor_lanes[lane], []).append(int(slot))
         rows = [
             sorted({slot for lane in lanes for slot in flat.get(lane, [])})
             for slots in self.exit_lanes
@@ -257,10 +258,10 @@ class Network:
 
     @cached_property
     def boundary_lanes(self) -> tuple[tuple[str, ...], ...]:
-        """For each intersection the exit lanes that lead to no signal: it counts on them itself."""
-        entrances = set(self.entrance_lanes)
+        """For each intersection the exit lanes that no slot's sensor covers: it counts on them."""
+        covered = set(self.sensor_lanes)
         return tuple(
-            tuple(sorted({lane for lanes in slots for lane in lanes} - entrances))
+            tuple(sorted({lane for lanes in slots for lane in lanes} - covered))
             for slots in self.exit_lanes
         )
 

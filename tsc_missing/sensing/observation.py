@@ -23,7 +23,7 @@ class Measurement:
     """
 
     values: FloatArray  # (N, 12, F) vehicles, queue
-    exits: FloatArray  # (N, 12) vehicles on those of a movement's exit lanes that lead to no signal
+    exits: FloatArray  # (N, 12) vehicles on exit lanes that no slot's sensor covers
 
     @property
     def reward(self) -> FloatArray:
