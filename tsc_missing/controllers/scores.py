@@ -45,8 +45,8 @@ def overruled(network: Network, phases: IntArray, urgency: FloatArray) -> IntArr
 def downstream_mean(network: Network, values: FloatArray, boundary: FloatArray) -> FloatArray:
     """(N, 12): the mean per lane over the roads that each slot's movement leads to.
 
-    ``values`` (N, 12) are counts of slots, so those of the exit lanes that lead to the next
-    signal; ``boundary`` (N, 12) are counts on the exit lanes that no slot's sensor covers.
+    ``values`` (N, 12) are counts of slots, so those of the exit lanes that end at the next
+    signal; ``boundary`` (N, 12) are counts on the exit lanes that end at none.
     """
     linked = network.downstream >= 0
     counts = np.where(linked, values.reshape(-1)[network.downstream], 0.0).sum(axis=2)

@@ -242,13 +242,10 @@ class Network:
 
     @cached_property
     def downstream(self) -> IntArray:
-        """(N, 12, D): flat slots on the roads that a slot's movement leads to, -1 for none.
-
-        Those whose sensors cover a lane of such a road.
-        """
+        """(N, 12, D): flat slots on the roads that a slot's movement leads to, -1 for none."""
         flat: dict[str, list[int]] = {}
-        for lane, slot in zip(*self.sensor_slots[:2], strict=True):
-            flat.setdefault(self.sensor_lanes[lane], []).append(int(slot))
+        for lane, slot in zip(*self.lane_slots[:2], strict=True):
+            flat.setdefault(self.entrance_lanes[lane], []).append(int(slot))
         rows = [
             sorted({slot for lane in lanes for slot in flat.get(lane, [])})
             for slots in self.exit_lanes
@@ -258,10 +255,14 @@ class Network:
 
     @cached_property
     def boundary_lanes(self) -> tuple[tuple[str, ...], ...]:
-        """For each intersection the exit lanes that no slot's sensor covers: it counts on them."""
-        covered = set(self.sensor_lanes)
+        """For each intersection the exit lanes that end at no signal: it counts on them itself.
+
+        Of a road that a plain junction cuts the first part is one. The next signal's sensors may
+        cover it too, where the last part is short: they are others than these.
+        """
+        entrances = set(self.entrance_lanes)
         return tuple(
-            tuple(sorted({lane for lanes in slots for lane in lanes} - covered))
+            tuple(sorted({lane for lanes in slots for lane in lanes} - entrances))
             for slots in self.exit_lanes
         )
 

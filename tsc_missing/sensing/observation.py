@@ -23,7 +23,7 @@ class Measurement:
     """
 
     values: FloatArray  # (N, 12, F) vehicles, queue
-    exits: FloatArray  # (N, 12) vehicles on exit lanes that no slot's sensor covers
+    exits: FloatArray  # (N, 12) vehicles on those of a movement's exit lanes that end at no signal
 
     @property
     def reward(self) -> FloatArray:
