@@ -50,7 +50,10 @@ def first_problem(error: ValidationError, model: type[BaseModel] | None = None) 
     known = _fields(model, first["loc"][:-1]) if first["type"] == "extra_forbidden" else ()
     if known:
         return f"at {place}: there is no such setting; {nearest(str(first['loc'][-1]), known)}"
-    return f"at {place}: {first['msg']}, found {str(first['input'])[:60]!r}{more}"
+    words = first["msg"].removeprefix("Value error, ")
+    of_several = not first["loc"] and isinstance(first["input"], dict)  # which says it by itself
+    found = "" if of_several else f", found {str(first['input'])[:60]!r}"
+    return f"at {place}: {words}{found}{more}"
 
 
 def _fields(model: object, place: Sequence[object]) -> tuple[str, ...]:

@@ -204,6 +204,12 @@ def spoil(path, change):
         (lambda net: net["roads"][0]["lanes"][0].update(width=-1), "roads.0.lanes.0.width"),
         (lambda net: net.update(intersections=[]), "unknown intersection"),
         (lambda net: [i.pop("trafficLight") for i in net["intersections"]], "has signals"),
+        (lambda net: net["roads"].append(net["roads"][0]), "road road_.* is there twice"),
+        (lambda net: net["intersections"].append(net["intersections"][0]), "there twice"),
+        (lambda net: net["roads"][0].update(id="in 0"), "roads.0.id: SUMO takes no ' '"),
+        (lambda net: net["intersections"][0].update(id="a&b"), "SUMO takes no '&'"),
+        (lambda net: net["roads"][0]["points"][0].update(x=float("nan")), "points.0.x"),
+        (lambda net: net["roads"][0].update(points=[{"x": 1, "y": 2}] * 2), "has no length"),
     ],
 )
 def test_bad_roadnets_name_the_place(tmp_path, change, words):
@@ -242,6 +248,101 @@ def test_phases_whose_greens_conflict_are_refused(tmp_path, phase, words):
     with pytest.raises(UserError, match=rf"roadnet.json .* light phase 0: .*({words})"):
         import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
     assert not (tmp_path / "net").exists()
+
+
+def test_an_all_red_phase_changes_nothing(tmp_path):
+    roadnet, _ = write(tmp_path, grid_roadnet(1, 1), [])
+    plain = read_roadnet(roadnet)
+
+    def stop_all(content):
+        for node in content["intersections"]:
+            phases = node["trafficLight"]["lightphases"]
+            phases.append({"time": 2, "availableRoadLinks": []})
+
+    assert read_roadnet(spoil(roadnet, stop_all)) == plain
+
+
+def test_projected_coordinates_keep_their_metres(tmp_path):
+    near, _ = write(tmp_path, grid_roadnet(1, 1), [])
+    content = grid_roadnet(1, 1)
+    points = [p for r in content["roads"] for p in r["points"]]
+    points += [node["point"] for node in content["intersections"]]
+    for point in {id(point): point for point in points}.values():
+        point["x"], point["y"] = point["x"] + 13377046.25, point["y"] + 3535049.5
+    (tmp_path / "far").mkdir()
+    far, _ = write(tmp_path / "far", content, [])
+    lengths = []
+    for name, roadnet in (("a", near), ("b", far)):
+        import_cityflow(roadnet, None, tmp_path / name, "net", 600)
+        network = read_folder(tmp_path / name, "net").network
+        lengths.append([lane.length for lane in network.record.lanes.values()])
+    np.testing.assert_allclose(*lengths, atol=0.05)
+
+
+def star_roadnet(arms):
+    """Roads from all around, one phase each, one lane for all movements."""
+    centre = {"id": "c", "point": {"x": 0, "y": 0}, "width": 20, "virtual": False}
+    nodes, roads = [centre], []
+    for k in range(arms):
+        angle = 2 * np.pi * k / arms
+        place = {"x": 200 * float(np.sin(angle)), "y": 200 * float(np.cos(angle))}
+        nodes.append({"id": f"n{k}", "point": place, "virtual": True})
+        for name, start, end in (("in", f"n{k}", "c"), ("out", "c", f"n{k}")):
+            points = [place, centre["point"]][:: 1 if name == "in" else -1]
+            ends = {"startIntersection": start, "endIntersection": end}
+            lanes = [{"width": 3.5, "maxSpeed": 11.111}]
+            roads.append({"id": f"{name}{k}", "points": points, "lanes": lanes, **ends})
+    pairs = [(k, (k + turn) % arms) for k in range(arms) for turn in range(1, arms)]
+    centre["roadLinks"] = [
+        {
+            "type": "turn_left" if (b - a) % arms == 1 else "go_straight",
+            "startRoad": f"in{a}",
+            "endRoad": f"out{b}",
+            "laneLinks": [{"startLaneIndex": 0, "endLaneIndex": 0}],
+        }
+        for a, b in pairs
+    ]
+    centre["trafficLight"] = {
+        "lightphases": [
+            {"time": 30, "availableRoadLinks": [i for i, (a, _) in enumerate(pairs) if a == k]}
+            for k in range(arms)
+        ]
+    }
+    return {"intersections": nodes, "roads": roads}
+
+
+@pytest.mark.parametrize("arms", [5, 6, 7])
+def test_more_than_four_roads_have_slots_of_their_own(tmp_path, arms):
+    roadnet, _ = write(tmp_path, star_roadnet(arms), [])
+    manifest = import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    assert any("more than four roads" in note for note in manifest.notes)
+    network = read_folder(tmp_path / "net", "net").network
+    assert network.phase_mask.sum() == arms
+    assert len({tuple(phase) for phase in network.phases[0].tolist()}) == arms
+    slots = [
+        {link.slot for link in network.intersections[0].links if link.from_lane == f"in{k}_0"}
+        for k in range(arms)
+    ]
+    assert all(not one & other for k, one in enumerate(slots) for other in slots[:k])
+
+
+def test_what_is_odd_is_noted(tmp_path):
+    content = with_phases({EAST, WEST, EAST_LEFT, WEST_LEFT}, {NORTH, SOUTH})
+    for link in (k for node in content["intersections"] for k in node["roadLinks"]):
+        link["laneLinks"] = [{"startLaneIndex": 0, "endLaneIndex": 0}]
+    flows = grid_flows(1, 1)
+    flows[0]["vehicle"] = {**flows[0]["vehicle"], "length": 12.0}
+    roadnet, flow = write(tmp_path, content, flows)
+    notes = import_cityflow(roadnet, flow, tmp_path / "net", "net", 600).notes
+    assert len(notes) == 2
+    assert "no phase serves, so nobody gets through: intersection_1_1 N-left" in notes[0]
+    assert f"the flow has length 12.0 in 1 of {len(flows)} entries, not 5" in notes[1]
+    content = with_phases({EAST, WEST}, {EAST_LEFT, WEST_LEFT}, {NORTH, SOUTH})
+    for link in (k for node in content["intersections"] for k in node["roadLinks"]):
+        link["laneLinks"] = [{"startLaneIndex": 0, "endLaneIndex": 0}]
+    roadnet, _ = write(tmp_path, content, [])
+    notes = import_cityflow(roadnet, None, tmp_path / "apart", "net", 600).notes
+    assert any("one blocks the other: road_" in note for note in notes)
 
 
 def test_left_turns_across_oncoming_traffic_may_share_its_phase(tmp_path):

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, TypeAdapter
 
+from tsc_missing.config import VehicleType
 from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.errors import UserError
 from tsc_missing.files import parse, read_json
@@ -21,6 +22,7 @@ class _Flow(BaseModel):
     interval: float = Field(default=1.0, gt=0, allow_inf_nan=False)
     startTime: Time
     endTime: Annotated[float, Field(ge=-1, allow_inf_nan=False)]
+    vehicle: dict[str, object] = {}
 
 
 _ADAPTER = TypeAdapter(list[_Flow])
@@ -37,8 +39,7 @@ def read_flow(path: Path, network: PlainNetwork, horizon: float) -> Demand:
         (move.from_road, move.to_road) for node in network.nodes.values() for move in node.movements
     }
     trips = []
-    flows: list[_Flow] = parse(_ADAPTER, read_json(path, FIELD), FIELD, path)
-    for number, flow in enumerate(flows):
+    for number, flow in enumerate(_flows(path)):
         unknown = next((road for road in flow.route if road not in network.roads), None)
         if unknown is not None:
             raise UserError(FIELD, path, f"entry {number}: unknown road {unknown}")
@@ -60,3 +61,28 @@ def read_flow(path: Path, network: PlainNetwork, horizon: float) -> Demand:
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
     return Demand.of(trips)
+
+
+def other_vehicles(path: Path, vehicle: VehicleType) -> list[str]:
+    """What the vehicles of a CityFlow flow file are said to be and ``vehicle`` is not, in words."""
+    ours = {
+        "length": vehicle.length,
+        "minGap": vehicle.min_gap,
+        "maxSpeed": vehicle.max_speed,
+        "headwayTime": vehicle.tau,
+    }
+    flows = _flows(path)
+    found = []
+    for name, value in ours.items():
+        theirs = [flow.vehicle.get(name, value) for flow in flows]
+        others = [one for one in theirs if one != value]
+        if others:
+            found.append(
+                f"{name} {others[0]} in {len(others)} of {len(flows)} entries, not {value:g}"
+            )
+    return found
+
+
+def _flows(path: Path) -> list[_Flow]:
+    flows: list[_Flow] = parse(_ADAPTER, read_json(path, FIELD), FIELD, path)
+    return flows

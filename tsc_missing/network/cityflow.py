@@ -4,10 +4,11 @@ CityFlow numbers lanes from the innermost (lane 0, usually the left turn) outwar
 outermost inward, so CityFlow lane i of n is SUMO lane n - 1 - i.
 """
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter
 
 from tsc_missing.errors import UserError
 from tsc_missing.files import parse, read_json
@@ -20,9 +21,22 @@ FIELD = "roadnet"
 Positive = Annotated[float, Field(gt=0)]
 
 
+NOT_IN_IDS = "@$%^&/|\\{}*'\";:<>"  # of roads and junctions in SUMO, and no blanks
+
+
+def _usable(name: str) -> str:
+    wrong = next((sign for sign in name if sign.isspace() or sign in NOT_IN_IDS), None)
+    if wrong is not None:
+        raise ValueError(f"SUMO takes no {wrong!r} in an id")
+    return name
+
+
+Id = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
+
+
 class _Point(BaseModel):
-    x: float
-    y: float
+    x: Annotated[float, Field(allow_inf_nan=False)]
+    y: Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Lane(BaseModel):
@@ -31,11 +45,15 @@ class _Lane(BaseModel):
 
 
 class _Road(BaseModel):
-    id: str
+    id: Id
     points: list[_Point] = Field(min_length=2)
     lanes: list[_Lane] = Field(min_length=1)
     startIntersection: str
     endIntersection: str
+
+    @property
+    def points_at(self) -> list[tuple[float, float]]:
+        return [(point.x, point.y) for point in self.points]
 
 
 class _LaneLink(BaseModel):
@@ -60,7 +78,7 @@ class _TrafficLight(BaseModel):
 
 
 class _Intersection(BaseModel):
-    id: str
+    id: Id
     point: _Point
     width: float = Field(default=0.0, ge=0)
     roadLinks: list[_RoadLink] = []
@@ -85,12 +103,21 @@ def read_roadnet(path: Path, all_phases: bool = False) -> PlainNetwork:
     four, WT_ET, NT_ST, WL_EL, NL_SL. Raises ``UserError`` with the place of what is wrong.
     """
     roadnet = parse(_ADAPTER, read_json(path, FIELD), FIELD, path)
+    for kind, ids in (
+        ("road", [road.id for road in roadnet.roads]),
+        ("intersection", [node.id for node in roadnet.intersections]),
+    ):
+        twice = [name for name, count in Counter(ids).items() if count > 1]
+        if twice:
+            raise UserError(FIELD, path, f"{kind} {twice[0]} is there twice")
     roads = {road.id: road for road in roadnet.roads}
     nodes = {node.id: node for node in roadnet.intersections}
     for road in roadnet.roads:
         for end in (road.startIntersection, road.endIntersection):
             if end not in nodes:
                 raise UserError(FIELD, path, f"road {road.id} names unknown intersection {end}")
+        if len(set(road.points_at)) == 1:
+            raise UserError(FIELD, path, f"road {road.id} has no length")
     plain_nodes = {}
     for node in roadnet.intersections:
         movements = tuple(_movement(node, link, roads, path) for link in node.roadLinks)
@@ -111,8 +138,7 @@ def read_roadnet(path: Path, all_phases: bool = False) -> PlainNetwork:
 
 def _road(road: _Road) -> Road:
     lanes = tuple(Lane(width=lane.width, speed=lane.maxSpeed) for lane in reversed(road.lanes))
-    shape = tuple((point.x, point.y) for point in road.points)
-    return Road(road.id, road.startIntersection, road.endIntersection, lanes, shape)
+    return Road(road.id, road.startIntersection, road.endIntersection, lanes, tuple(road.points_at))
 
 
 def _movement(
@@ -163,7 +189,8 @@ def _phases(
                 f"intersection {node.id}, light phase {number}: road link {wrong[0]}, but the "
                 f"intersection has {len(node.roadLinks)}",
             )
-    free = frozenset.intersection(*served) if len(served) > 1 else frozenset()
+    some = [links for links in served if links]  # an all-red phase stops what is always green too
+    free = frozenset.intersection(*some) if len(some) > 1 else frozenset()
     kept: list[Phase] = []
     seen: set[frozenset[int]] = set()
     covered = set(free)

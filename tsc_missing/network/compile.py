@@ -14,7 +14,7 @@ from tsc_missing.network.records import (
     NetworkRecord,
     PhaseRecord,
 )
-from tsc_missing.network.slots import RIGHT_OF_WAY, assign_approaches, slot_index
+from tsc_missing.network.slots import RIGHT_OF_WAY, TURNS, assign_approaches, slot_index
 
 LinkKey = tuple[str, int, str, int]  # from road, from lane, to road, to lane
 
@@ -80,6 +80,15 @@ def _approaches(node: Node, plain: PlainNetwork) -> dict[str, int]:
     return dict(zip(incoming, assign_approaches(bearings), strict=True))
 
 
+def _slot(approaches: Mapping[str, int], road: str, turn: int) -> int:
+    """The slot of a turn from a road; roads that share an approach have one of its slots each."""
+    approach = approaches[road]
+    sharing = sorted(name for name, other in approaches.items() if other == approach)
+    if len(sharing) == 1:
+        return slot_index(approach, turn)
+    return slot_index(approach, min(sharing.index(road), len(TURNS) - 1))
+
+
 def _intersection(
     net: Any, node: Node, approaches: Mapping[str, int], turns: Mapping[LinkKey, int]
 ) -> IntersectionRecord:
@@ -92,7 +101,7 @@ def _intersection(
         start, end = in_lane.getEdge(), out_lane.getEdge()
         key = (start.getID(), in_lane.getIndex(), end.getID(), out_lane.getIndex())
         keys.append(key)
-        slot = slot_index(approaches[start.getID()], turns[key])
+        slot = _slot(approaches, start.getID(), turns[key])
         links.append(LinkRecord(from_lane=in_lane.getID(), to_lane=out_lane.getID(), slot=slot))
         connection = next(c for c in in_lane.getOutgoing() if c.getToLane() == out_lane)
         requests.append(junction.getLinkIndex(connection))
@@ -143,7 +152,7 @@ def _upstream(
         while front:
             for node, source, turn in feeders.get(front.pop(), []):
                 if node.signalised:
-                    slots.add((node.id, slot_index(approaches[node.id][source], turn)))
+                    slots.add((node.id, _slot(approaches[node.id], source, turn)))
                 elif source not in seen:
                     seen.add(source)
                     front.append(source)

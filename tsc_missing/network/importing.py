@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tsc_missing.config import VehicleType
-from tsc_missing.demand.cityflow import read_flow
+from tsc_missing.demand.cityflow import other_vehicles, read_flow
 from tsc_missing.demand.trips import write_routes
 from tsc_missing.errors import UserError
 from tsc_missing.files import sha256, whole_folder
@@ -19,6 +19,7 @@ from tsc_missing.network.folder import (
     write_manifest,
 )
 from tsc_missing.network.netconvert import write_net
+from tsc_missing.network.oddities import oddities
 from tsc_missing.network.phase_check import conflicting_phases
 from tsc_missing.network.plain import PlainNetwork
 from tsc_missing.network.records import NetworkRecord, write_record
@@ -55,6 +56,12 @@ def import_cityflow(
         check_dataset(target, name, record, field)
         if demand is not None:
             write_routes(demand, VehicleType(), folder / ROUTES)
+        notes = list(oddities(record))
+        others = other_vehicles(flow, VehicleType()) if flow is not None else []
+        if others:
+            notes.append(
+                f"all vehicles are the run's own car, but the flow has {'; '.join(others)}"
+            )
         manifest = Manifest(
             name=name,
             kind="cityflow",
@@ -63,6 +70,7 @@ def import_cityflow(
             horizon=horizon if demand is not None else None,
             sources={path.name: sha256(path) for path in (roadnet, flow) if path is not None},
             versions=builder_versions(),
+            notes=tuple(notes) or None,
         )
         write_manifest(folder, manifest)
     return manifest

@@ -91,13 +91,18 @@ def _node(node: Node, plain: PlainNetwork) -> str:
     if node.stop_distance is not None:
         roads = {move.from_road for move in node.movements} | {m.to_road for m in node.movements}
         half = max((sum(lane.width for lane in plain.roads[r].lanes) for r in roads), default=0.0)
-        radius = f' radius="{max(node.stop_distance - half, MIN_RADIUS):g}"'
+        radius = f' radius="{_metres(max(node.stop_distance - half, MIN_RADIUS))}"'
     name = quoteattr(node.id)
-    return f'  <node id={name} x="{node.x:g}" y="{node.y:g}" type="{kind}"{radius}/>'
+    return f'  <node id={name} x="{_metres(node.x)}" y="{_metres(node.y)}" type="{kind}"{radius}/>'
+
+
+def _metres(value: float) -> str:
+    """To a millimetre, also far from the origin, where projected coordinates are."""
+    return f"{round(value, 3):.15g}"
 
 
 def _edge(road: Road) -> str:
-    shape = " ".join(f"{x:g},{y:g}" for x, y in road.shape)
+    shape = " ".join(f"{_metres(x)},{_metres(y)}" for x, y in road.shape)
     lanes = "".join(
         f'<lane index="{index}" width="{lane.width:g}" speed="{lane.speed:g}"/>'
         for index, lane in enumerate(road.lanes)

@@ -19,7 +19,7 @@ def conflicting_phases(record: NetworkRecord, plain: PlainNetwork) -> Iterator[s
         for phase in node.phases:
             pair = _conflict(node, (*phase.links, *node.free), plain)
             if pair is not None:
-                first, second = (_words(node, link) for link in pair)
+                first, second = (_words(node, link, plain) for link in pair)
                 where = f"intersection {node.id}, light phase {phase.name}"
                 yield f"{where}: {first} and {second} cross, and neither can give way"
 
@@ -37,7 +37,8 @@ def _conflict(
 def _gives_way(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
     if foe not in node.yields[link]:
         return False
-    return _turn(node, link) not in (LEFT, STRAIGHT) or _is_oncoming(node, link, foe, plain)
+    turn = _turn(node, link, plain)
+    return turn not in (LEFT, STRAIGHT) or _is_oncoming(node, link, foe, plain)
 
 
 def _is_oncoming(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
@@ -46,13 +47,19 @@ def _is_oncoming(node: IntersectionRecord, link: int, foe: int, plain: PlainNetw
     return min(apart, 360.0 - apart) >= ONCOMING
 
 
-def _turn(node: IntersectionRecord, link: int) -> int:
-    return node.links[link].slot % len(TURNS)
+def _turn(node: IntersectionRecord, link: int, plain: PlainNetwork) -> int:
+    roads = tuple(lane.rpartition("_")[0] for lane in _lanes(node, link))
+    moves = plain.nodes[node.id].movements
+    return next(move.turn for move in moves if (move.from_road, move.to_road) == roads)
+
+
+def _lanes(node: IntersectionRecord, link: int) -> tuple[str, str]:
+    return node.links[link].from_lane, node.links[link].to_lane
 
 
 def _road(node: IntersectionRecord, link: int) -> str:
     return node.links[link].from_lane.rpartition("_")[0]
 
 
-def _words(node: IntersectionRecord, link: int) -> str:
-    return f"{TURNS[_turn(node, link)]} from {_road(node, link)}"
+def _words(node: IntersectionRecord, link: int, plain: PlainNetwork) -> str:
+    return f"{TURNS[_turn(node, link, plain)]} from {_road(node, link)}"
