@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
-import pytest
 
 from tools.paper_tables import SUITES, arguments, batch_words
 from tsc_missing.batch.suite import bundled_suites, read_suite
@@ -61,12 +60,12 @@ def test_suites_in_which_nothing_can_run_are_left_out(tmp_path):
 
 
 def test_a_shared_run_is_made_once(tmp_path, small_net):
-    pytest.importorskip("torch", reason="the diffusion controller needs torch")
-    short = [f"net='{small_net}'", "horizon=45", "seed=[0]"]
+    methods = "method=['max-queue', 'advanced-max-pressure']"
+    short = [f"net='{small_net}'", "horizon=45", "seed=[0]", methods]
     done = make_tables(tmp_path, short, "no-missing", "limits")
     assert done.returncode == 0, done.stderr
     runs = [tmp_path / "runs" / name for name in ("no-missing", "limits")]
     shared = [folder / "runs" / "small-none-max-queue-seed0" / "run.json" for folder in runs]
     assert shared[0].read_bytes() == shared[1].read_bytes()
-    assert pq.read_table(runs[1] / "results.parquet").num_rows == 7
+    assert pq.read_table(runs[1] / "results.parquet").num_rows == 8
     assert all((folder / "report" / "report.html").is_file() for folder in runs)

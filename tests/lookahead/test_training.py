@@ -101,11 +101,18 @@ def test_with_missing_data_stopped_and_gone_on_with_is_as_unbroken(small_net, tm
         assert torch.equal(weight, other.state_dict()[name]), name
     assert one.certainty
     assert about["gained"]["learned"].keys() == {"observed", "believed"}
-    with pytest.raises(UserError, match="knows of missing data"):
-        LookaheadTraining(settings(small_net, tmp_path, base=str(whole)), tmp_path / "next")
     save_broken(tmp_path / "fill.safetensors")
     with pytest.raises(UserError, match=r"resume: .*broken .*fill has changed"):
         LookaheadTraining(plan, tmp_path / "broken", resume=True)
+
+
+@pytest.mark.usefixtures("one_worker")
+def test_values_that_know_of_missing_data_are_the_base_of_more(small_net, tmp_path):
+    first = with_holes(small_net, tmp_path)
+    whole = LookaheadTraining(first, tmp_path / "whole").run(1)
+    with pytest.raises(UserError, match="knows of missing data"):
+        LookaheadTraining(settings(small_net, tmp_path, base=str(whole)), tmp_path / "next")
+    save_broken(tmp_path / "fill.safetensors")
     broken = with_holes(small_net, tmp_path, base=str(whole))
     with pytest.raises(DivergedError, match="weights are not finite"):
         LookaheadTraining(broken, tmp_path / "diverged").run(1)
