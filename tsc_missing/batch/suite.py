@@ -180,10 +180,10 @@ class _Reader:
         method = str(values.pop(("method",)))
         about, settings = self._methods.get(method, ({}, {("controller",): method}))
         settings = dict(settings)
-        named: list[Key] = []  # what varies, where a list of tables is an axis the keys in these
+        varying: list[Key] = []  # what varies, where a list of tables is an axis the keys in these
         for key, value in values.items():
             parts = list(leaves(value, key)) if isinstance(value, Mapping) else [(key, value)]
-            named += [part for part, _ in parts if key in varied]
+            varying += [part for part, _ in parts if key in varied]
             for part, single in parts:
                 if part not in SETTINGS:
                     self._unknown(where, dotted(part), map(dotted, SETTINGS))
@@ -197,7 +197,7 @@ class _Reader:
             run = RunSettings.model_validate(nested(settings))
             if isinstance(about.get("train"), str):
                 about = {**about, "train": fill_in(about["train"], run)}
-            return RunSpec(**about, **_labels(method, run, settings, named), settings=run)
+            return RunSpec(**about, **_labels(method, run, settings, varying), settings=run)
         except ValidationError as error:
             self._wrong(where, first_problem(error))
 

@@ -48,13 +48,10 @@ def _is_oncoming(node: IntersectionRecord, link: int, foe: int, plain: PlainNetw
 
 
 def _turn(node: IntersectionRecord, link: int, plain: PlainNetwork) -> int:
-    roads = tuple(lane.rpartition("_")[0] for lane in _lanes(node, link))
+    lanes = node.links[link].from_lane, node.links[link].to_lane
+    roads = tuple(lane.rpartition("_")[0] for lane in lanes)
     moves = plain.nodes[node.id].movements
     return next(move.turn for move in moves if (move.from_road, move.to_road) == roads)
-
-
-def _lanes(node: IntersectionRecord, link: int) -> tuple[str, str]:
-    return node.links[link].from_lane, node.links[link].to_lane
 
 
 def _road(node: IntersectionRecord, link: int) -> str:
