@@ -12,6 +12,7 @@ from tsc_missing.demand.generate import BIN, entry_warnings
 from tsc_missing.demand.trips import Demand, turning_flows
 from tsc_missing.network.folder import NetworkFolder
 from tsc_missing.network.model import Network
+from tsc_missing.network.oddities import APART, apart, crowded, unserved
 from tsc_missing.network.records import IntersectionRecord
 from tsc_missing.network.slots import LEFT, RIGHT, STRAIGHT, TURNS, slot_name
 
@@ -109,17 +110,12 @@ def _signals(net: Any, network: Network) -> list[Finding]:
         _find(
             "signals",
             "more than four roads share four approaches at",
-            (node.id for node in network.intersections if len(node.roads) > 4),
+            crowded(network),
         ),
     ]
 
 
 def _phases(network: Network) -> list[Finding]:
-    served = network.phases.any(axis=1) | network.free_slots
-    unserved = [
-        f"{network.ids[n]} {slot_name(int(slot))}"
-        for n, slot in zip(*np.nonzero(network.slot_mask & ~served), strict=True)
-    ]
     shadowed, gentle = [], []
     for n, node in enumerate(network.intersections):
         table = network.phases[n, : len(node.phases)]
@@ -134,7 +130,8 @@ def _phases(network: Network) -> list[Finding]:
                 if _waits_for_gaps(network, node, i, phase.links):
                     gentle.append(f"{node.id} {slot_name(node.links[i].slot)}")
     return [
-        _find("phases", "no phase serves", unserved),
+        _find("phases", "no phase serves", unserved(network)),
+        _find("phases", APART, apart(network)),
         _find(
             "phases",
             "starve, because another phase serves all that they do: a controller that scores "

@@ -18,6 +18,7 @@ from tsc_missing.network.folder import (
     check_dataset,
     write_manifest,
 )
+from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import write_net
 from tsc_missing.network.oddities import oddities
 from tsc_missing.network.phase_check import conflicting_phases
@@ -56,7 +57,7 @@ def import_cityflow(
         check_dataset(target, name, record, field)
         if demand is not None:
             write_routes(demand, VehicleType(), folder / ROUTES)
-        notes = list(oddities(record))
+        notes = list(oddities(Network(name, record)))
         others = other_vehicles(flow, VehicleType()) if flow is not None else []
         if others:
             notes.append(

@@ -2,43 +2,51 @@
 
 from collections.abc import Iterator
 
-from tsc_missing.network.records import IntersectionRecord, NetworkRecord
+import numpy as np
+
+from tsc_missing.network.model import Network
+from tsc_missing.network.records import IntersectionRecord
 from tsc_missing.network.slots import APPROACHES, slot_name
 
 SHOWN = 5  # at most, of each kind
+APART = "lanes whose movements are never green together, so that one blocks the other"
 
 
-def oddities(record: NetworkRecord) -> Iterator[str]:
+def oddities(network: Network) -> Iterator[str]:
     """Notes in words, one of each kind."""
-    nodes = record.intersections
-    many = [node.id for node in nodes if len(node.roads) > len(APPROACHES)]
-    if many:
-        yield f"more than four roads share the four approaches of: {_listed(many)}"
-    unserved = [f"{node.id} {name}" for node in nodes for name in _unserved(node)]
-    if unserved:
-        yield f"no phase serves, so nobody gets through: {_listed(unserved)}"
-    apart = [lane for node in nodes for lane in _apart(node)]
-    if apart:
-        yield (
-            "lanes whose movements are never green together, so that one blocks the other: "
-            f"{_listed(apart)}"
-        )
+    for words, found in (
+        ("more than four roads share the four approaches of", crowded(network)),
+        ("no phase serves, so nobody gets through", unserved(network)),
+        (APART, apart(network)),
+    ):
+        if found:
+            yield f"{words}: {_listed(found)}"
 
 
-def _unserved(node: IntersectionRecord) -> list[str]:
-    """The slots with a link that is green in no phase."""
-    slots = {node.links[k].slot for k, phases in enumerate(_greens(node)) if not phases}
-    return [slot_name(slot) for slot in sorted(slots)]
+def crowded(network: Network) -> list[str]:
+    """The intersections with more roads than approaches."""
+    return [node.id for node in network.intersections if len(node.roads) > len(APPROACHES)]
 
 
-def _apart(node: IntersectionRecord) -> list[str]:
+def unserved(network: Network) -> list[str]:
+    """The slots that no phase serves, with their intersections."""
+    served = network.phases.any(axis=1) | network.free_slots
+    return [
+        f"{network.ids[n]} {slot_name(int(slot))}"
+        for n, slot in zip(*np.nonzero(network.slot_mask & ~served), strict=True)
+    ]
+
+
+def apart(network: Network) -> list[str]:
     """The lanes with two links that have greens, and none in common."""
-    greens = _greens(node)
-    lanes: dict[str, list[set[int]]] = {}
-    for link, phases in zip(node.links, greens, strict=True):
-        if phases:
-            lanes.setdefault(link.from_lane, []).append(phases)
-    return [lane for lane, sets in lanes.items() if not set.intersection(*sets)]
+    found = []
+    for node in network.intersections:
+        lanes: dict[str, list[set[int]]] = {}
+        for link, phases in zip(node.links, _greens(node), strict=True):
+            if phases:
+                lanes.setdefault(link.from_lane, []).append(phases)
+        found += [lane for lane, sets in lanes.items() if not set.intersection(*sets)]
+    return found
 
 
 def _greens(node: IntersectionRecord) -> list[set[int]]:
