@@ -1,6 +1,7 @@
 """Batches whose folder changes, or breaks, at the wrong moment."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -107,7 +108,7 @@ def test_faults_that_pass_are_worth_another_attempt(prepare, tmp_path, monkeypat
 
     monkeypatch.setattr("tsc_missing.evaluation.run._execute", broken)
     (run, _) = prepare().suite.runs
-    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path)
+    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, Path.cwd())
     failure = run_task(task)
     assert failure.kind == "error"
     assert words in failure.error

@@ -19,14 +19,26 @@ from tests.batch.cases import (
     write_suite,
 )
 
+OWN = """
+from tsc_missing.controllers.max_queue import MaxQueue
+
+
+class Mine(MaxQueue):
+    pass
+"""
+
 pytest.importorskip("distributed", reason="Dask is not installed (the extra cluster)")
 
 
 @pytest.fixture
 def cluster(tmp_path):
-    """The scheduler's address, and its workers: each a nanny with the worker below it."""
-    file = tmp_path / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    """The scheduler's address, and its workers: each a nanny with the worker below it.
+
+    They stand in a folder of their own.
+    """
+    file = tmp_path / "cluster" / "scheduler.json"
+    file.parent.mkdir()
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": file.parent}
     dask = [sys.executable, "-m", "dask"]
     local = ["--host", "127.0.0.1", "--no-dashboard"]
     processes = [
@@ -48,7 +60,8 @@ def cluster(tmp_path):
 
 def test_two_workers_one_killed_midway(command, small_net, cluster):
     address, (victim, _) = cluster
-    write_suite(command, small_net, horizon=300)
+    (command.cwd / "mine.py").write_text(OWN)
+    write_suite(command, small_net, methods='["max-queue", "mine.py:Mine"]', horizon=300)
     alone = command("batch", "small.toml", "--workers", 1, "--out", "alone")
     assert alone.returncode == 0, alone.stderr
 

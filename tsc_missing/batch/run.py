@@ -176,7 +176,7 @@ def _engine(means: Means, out: Path, runs: int) -> contextlib.AbstractContextMan
 
 def _task(out: Path, run: RunSpec, decisions: bool, alive: Path) -> Task:
     folder = run_folder(out, run.name).resolve()
-    return Task(run.name, run.settings, folder, decisions, alive)
+    return Task(run.name, run.settings, folder, decisions, alive, Path.cwd())
 
 
 def _keep(out: Path, outcome: Outcome) -> bool:

@@ -1,5 +1,7 @@
 """What a worker process does: one run, from its settings to its folder."""
 
+import contextlib
+import os
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,7 @@ class Task:
     folder: Path
     decisions: bool
     alive: Path  # a file that is there as long as the batch wants its runs
+    home: Path  # where the batch was started: what is named by a relative path is there
 
 
 class UnwantedError(Exception):
@@ -32,6 +35,8 @@ def run_task(task: Task) -> Failure | None:
     """Make the run's folder; what goes wrong is said, never raised."""
     if is_whole(task.folder):
         return None
+    with contextlib.suppress(OSError):  # a cluster's worker need not have it
+        os.chdir(task.home)
     options = Options(task.folder, task.decisions, durable=True)
 
     def watch(_: Progress) -> None:
