@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -13,6 +14,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from tsc_missing.errors import UserError, nearest
+
+INPUTS = "inputs.json"  # what a training or a dataset is begun with, written first
+TEMPORARY = re.compile(r"\..+\.\d+")  # the name that ``replace_file`` gives what is not whole yet
 
 T = TypeVar("T")
 
@@ -97,7 +101,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises ``OSError`` where it cannot be written; nothing half-written stays behind.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")  # TEMPORARY
     try:
         temporary.write_bytes(content)
         sync(temporary)
@@ -141,13 +145,28 @@ def whole_folder(folder: Path, field: str, durable: bool = False) -> Iterator[Pa
 
 
 def check_new_training(folder: Path) -> None:
-    """Raise ``UserError`` unless a training can begin in the folder: a new one or an empty one."""
-    if folder.is_dir() and any(folder.iterdir()):
+    """Raise ``UserError`` unless a training can begin in the folder.
+
+    A new one, an empty one, or what one left that was killed before it had anything to go on from.
+    """
+    if folder.is_dir() and not is_barely_begun(folder):
         raise UserError("out", folder, "it is there already; --resume goes on with it")
-    check_writable(folder, "out")
+    if not folder.is_dir():
+        check_writable(folder, "out")
+
+
+def is_barely_begun(folder: Path) -> bool:
+    """Whether a folder has nothing but what a kill leaves of the first moment; that goes away."""
+    left = [path for path in folder.rglob("*") if not path.is_dir()]
+    if not all(path.name == INPUTS or TEMPORARY.fullmatch(path.name) for path in left):
+        return False
+    for path in left:
+        path.unlink(missing_ok=True)
+    return True
 
 
 def check_begun_training(folder: Path, file: str) -> None:
     """Raise ``UserError`` unless a training was begun in the folder; ``file`` is from its start."""
     if not (folder / file).is_file():
-        raise UserError("resume", folder, f"no training was begun there (it has no {file})")
+        words = f"no training was begun there (it has no {file}); without --resume one begins"
+        raise UserError("resume", folder, words)

@@ -141,6 +141,7 @@ def test_policies_may_lose_sensors_and_the_log_has_the_truth(command):
         (("--volume-min", "2", "--net", "jinan"), "volume_min"),
         (("--net", "jnan"), "did you mean"),
         (("--missing", "random", "--rate", "2"), "rate"),
+        (("--missing", "burst", "--rate", "0.5", "--mean-outage", "0"), "--mean-outage: 0"),
         (("--missing", "random"), "--missing random needs a rate from 0 to 1"),
         (("--missing", "random", "--rate", "1"), "--rate: 1.0 is not allowed"),
         (("--missing", "lane", "--rate", "0"), "--rate: 0.0 is not allowed"),
@@ -283,6 +284,7 @@ def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
         (("--algorithm", "advanced-colite"), "did you mean advanced-colight?"),
         (("universal", "--algorithm", "value"), "give one of them"),
         (("value", "--steps", 3), "--steps: 3"),
+        (("bc", "--data", "a", "--data", "b"), "--data: a and b is not allowed; the training bc"),
         (("value", "--data", "nothing"), "nothing"),
     ],
 )

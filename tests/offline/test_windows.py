@@ -1,4 +1,5 @@
 import dataclasses
+import re
 import time
 
 import numpy as np
@@ -8,7 +9,7 @@ pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 import torch
 
-from tests.networks import grid_network, tee_network
+from tests.networks import grid_network, sharing_lanes, tee_network
 from tests.offline.cases import made_up_dataset
 from tsc_missing.errors import UserError
 from tsc_missing.offline.dataset import EPISODES, MANIFEST, read_dataset
@@ -217,6 +218,44 @@ def test_fast_enough_not_to_limit_training(dataset):
     for step in range(1, 6):
         made.sample(step, 1024)
     assert 5 * 1024 / (time.process_time() - began) > 2000  # more than 10 000 on a free core
+
+
+def test_slots_that_share_sensors_are_hidden_together(tmp_path):
+    network = sharing_lanes(grid_network(2, 3))
+    data = made_up_dataset(tmp_path / "a", {"shared": network})
+    common = network.slots_in_common
+    assert (common != np.arange(12)).any()
+    made = sampler(data, only("lane", rate_min=0.5, rate_max=0.5))
+    made.sample(0, 4)
+    rng = np.random.default_rng(0)
+    draw = made.draw(400, rng)
+    w = made.windows(draw, rng)
+    together = np.take_along_axis(w.hidden.numpy(), common[draw.intersection][:, None], axis=2)
+    np.testing.assert_array_equal(w.hidden.numpy(), together)
+    assert w.hidden.float().mean() == pytest.approx(0.5, abs=0.05)
+    roads = network.downstream[draw.intersection]
+    pairs = {}
+    for b, slot, j in zip(*np.nonzero(roads >= 0), strict=True):
+        n, other = divmod(int(roads[b, slot, j]), 12)
+        given = tuple(w.down_given[b, slot, j].tolist())
+        pairs.setdefault((b, n, common[n, other]), set()).add(given)
+    assert all(len(told) == 1 for told in pairs.values())
+
+
+def test_a_lone_intersection_has_windows(dataset, tmp_path):
+    data = made_up_dataset(tmp_path / "a", {"one": grid_network(1, 1)})
+    assert data.networks["one"].downstream.shape[2] == 0
+    w = sampler(data).sample(0, 6)
+    assert w.down_given.shape == (6, 12, 0, T)
+    assert not w.near_exists.any()
+
+
+def test_episodes_must_have_something(tmp_path):
+    data = made_up_dataset(tmp_path / "a", {"one": grid_network(1, 1)})
+    manifest = data.path / MANIFEST
+    manifest.write_text(re.sub(r'"cells": ?1', '"cells": 0', manifest.read_text()))
+    with pytest.raises(UserError, match="must have something recorded"):
+        sampler(read_dataset(data.path))
 
 
 def test_episodes_must_be_long_enough(tmp_path):

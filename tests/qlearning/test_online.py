@@ -91,6 +91,34 @@ def test_rewards_are_of_the_step_after(small_net, tmp_path, weight):
     assert about["net"] == str(small_net)
 
 
+def test_killed_while_data_are_read(small_net, tmp_path, monkeypatch):
+    def killed():
+        raise KeyboardInterrupt
+
+    plan, folder = settings(small_net, rounds=1), tmp_path / "t"
+    training = QTraining(plan, folder)
+    monkeypatch.setattr(training, "_load", killed)
+    with pytest.raises(KeyboardInterrupt):
+        training.run(1)
+    with pytest.raises(UserError, match="--resume goes on"):
+        QTraining(plan, folder)
+    found = QTraining(plan, folder, resume=True).run(1)
+    whole = QTraining(plan, tmp_path / "whole").run(1)
+    one, other = (load_q_network(path)[0].state_dict() for path in (found, whole))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_killed_before_anything_was_saved(small_net, tmp_path):
+    folder = tmp_path / "t"
+    (folder / EPISODES).mkdir(parents=True)
+    for name in ("inputs.json", ".checkpoint.safetensors.123"):
+        (folder / name).write_text("{}")
+    with pytest.raises(UserError, match="without --resume one begins"):
+        QTraining(settings(small_net), folder, resume=True)
+    QTraining(settings(small_net), folder)
+    assert not [path for path in folder.rglob("*") if path.is_file()]
+
+
 def test_what_can_be_wrong(small_net, tmp_path):
     plan = settings(small_net, rounds=1)
     (tmp_path / "full").mkdir()

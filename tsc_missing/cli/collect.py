@@ -80,6 +80,12 @@ def collect(
     rate: Annotated[
         float | None, typer.Option(help="Share of the log that is missing, 0 to 1.")
     ] = None,
+    adjacent: Annotated[
+        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
+    ] = DEFAULT.missing.adjacent,
+    mean_outage: Annotated[
+        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
+    ] = DEFAULT.missing.mean_outage,
     horizon: Annotated[int, typer.Option(help="Simulated seconds of an episode.")] = (
         DEFAULT.horizon
     ),
@@ -99,7 +105,12 @@ def collect(
         unaware=unaware,
         lost=tuple(lost or DEFAULT.lost),
         min_space=min_space,
-        missing={"pattern": missing, "rate": missing_rate(missing, rate, advice=DRAWN)},
+        missing={
+            "pattern": missing,
+            "rate": missing_rate(missing, rate, advice=DRAWN),
+            "adjacent": adjacent,
+            "mean_outage": mean_outage,
+        },
         horizon=horizon,
         episodes=episodes,
         seed=seed,
@@ -149,6 +160,8 @@ def _print(dataset: Dataset) -> None:
         f"mean {manifest.statistics.mean_vehicles:.2f} vehicles and "
         f"{manifest.statistics.mean_queue:.2f} queueing a slot"
     )
+    if not any(episode.statistics.cells for episode in manifest.episodes):
+        messages().print("nothing is recorded in them: every sensor is among the missing ones")
 
 
 def main() -> None:

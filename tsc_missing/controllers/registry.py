@@ -24,7 +24,6 @@ from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.own import OwnController
 from tsc_missing.controllers.resolved import (
-    LOOKAHEAD,
     blind_rule,
     min_space_of,
     policy_weights,
@@ -37,9 +36,8 @@ from tsc_missing.imputation.registry import make_imputer, require_imputer
 from tsc_missing.network.folder import network_name
 from tsc_missing.own_code import is_own
 from tsc_missing.weights.find import FIELD as WEIGHTS
-from tsc_missing.weights.find import find_weights, packaged_weights
+from tsc_missing.weights.find import MAKES_VALUES, find_weights, packaged_weights
 
-MAKES_VALUES = f"tsc-train {LOOKAHEAD[0]}"
 LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
 
 BLIND: dict[str, Callable[[Controller], Controller]] = {

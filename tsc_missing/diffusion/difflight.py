@@ -125,7 +125,8 @@ class DiffLightModel(nn.Module):
         table = group_table(history.neighbours, history.slots)
         inputs, values = inputs_at_inference(history, table, config, self.scaling)
         talking = config.dcm and config.neighbours
-        talk = Communication(inputs, values, table, history.downstream, enabled=talking)
+        rows = None if pace is None else pace.rows
+        talk = Communication(inputs, values, table, history.downstream, talking, rows)
         x0 = self._with_green(values, _padded(history.green, config.horizon))
         known = self._known(inputs)
 
@@ -136,7 +137,7 @@ class DiffLightModel(nn.Module):
             talk.exchange(estimate[..., :N_FEATURES])
             return torch.where(known, x0, x)
 
-        denoise = paced(estimate, lambda: talk.inputs, self.schedule, sampling_steps, pace)
+        denoise = paced(estimate, talk.inputs, self.schedule, sampling_steps, pace)
         start = torch.where(known, x0, noise)
         x = sample(self.schedule, denoise, start, sampling_steps, after_step)
         made = blank(x[..., :N_FEATURES], inputs.slots.unsqueeze(1))

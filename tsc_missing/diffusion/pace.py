@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from tsc_missing.diffusion.batch import Inputs, rows_of
+from tsc_missing.diffusion.batch import Inputs
 from tsc_missing.diffusion.ddim import Denoiser
 from tsc_missing.diffusion.schedule import CosineSchedule
 
@@ -23,7 +23,7 @@ class Pace:
 
 def paced(
     estimate: Estimate,
-    inputs: Callable[[], Inputs],
+    inputs: Callable[[bool], Inputs],
     schedule: CosineSchedule,
     steps: int,
     pace: Pace | None,
@@ -31,10 +31,11 @@ def paced(
     """A denoiser for ``steps`` reverse steps; by a ``pace`` only at ``few`` of them of all rows.
 
     Between them only ``pace.rows`` are estimated; the others keep their last x̂^0, which for DDIM
-    is one longer step. ``inputs`` gives those of the reverse step that is due.
+    is one longer step. ``inputs`` gives those of the reverse step that is due, of all rows or only
+    of ``pace.rows``.
     """
     if pace is None:
-        return lambda x, k: estimate(x, k, inputs())
+        return lambda x, k: estimate(x, k, inputs(False))
     rows, few = pace.rows, min(pace.few, steps)
     ks = schedule.sampling_steps(steps)
     full = {ks[round(turn * steps / few)] for turn in range(few)}
@@ -43,10 +44,10 @@ def paced(
     def denoise(x: Tensor, k: Tensor) -> Tensor:
         nonlocal held
         if int(k) in full:
-            held = estimate(x, k, inputs())
+            held = estimate(x, k, inputs(False))
         else:
             held = held.clone()
-            held[rows] = estimate(x[rows], k, rows_of(inputs(), rows))
+            held[rows] = estimate(x[rows], k, inputs(True))
         return held
 
     return denoise

@@ -23,7 +23,7 @@ from tsc_missing.processes import worker_processes
 from tsc_missing.qlearning.networks import Graph, PhaseValue
 from tsc_missing.qlearning.weights import load_q_network, save_q_network
 from tsc_missing.versions import git_revision, versions
-from tsc_missing.weights.find import FILE, find_weights
+from tsc_missing.weights.find import FILE, MAKES_VALUES, find_weights
 from tsc_missing.weights.inputs import check_inputs, of_scenarios, write_inputs
 
 BELIEFS = "beliefs"
@@ -53,7 +53,7 @@ class LookaheadTraining:
         self._sources = [self._own, *(read_source(other, settings) for other in settings.also)]
         nets = {net for source in self._sources for net in source.settings.nets}
         self._scenarios = {net: find_scenario(net, settings.demand) for net in sorted(nets)}
-        base, self._base = load_q_network(find_weights(settings.base))
+        base, self._base = load_q_network(find_weights(settings.base, MAKES_VALUES, "base"))
         if not isinstance(base, PhaseValue):
             raise UserError("base", settings.base, "it must be weights of the algorithm value")
         if base.history > settings.history:
@@ -106,7 +106,7 @@ class LookaheadTraining:
         own = {net: scenario.checksums() for net, scenario in self._scenarios.items()}
         found = of_scenarios(own) | {"base": str(self._base["checksum"])}
         if self.settings.masked:
-            found["fill"] = sha256(find_weights(self.settings.fill))
+            found["fill"] = sha256(find_weights(self.settings.fill, field="fill"))
         for source in self._sources[1:]:
             paths = [source.path(number) for number in range(source.settings.episodes)]
             found |= {str(path): sha256(path) for path in paths}
@@ -200,7 +200,7 @@ class LookaheadTraining:
 
 def check_looks_back(history: int, fill: str) -> None:
     """Raise ``UserError`` where the diffusion weights ``fill`` fill fewer steps than are used."""
-    filled = load_weights(find_weights(fill))[0].config.history
+    filled = load_weights(find_weights(fill, field="fill"))[0].config.history
     if 1 + history > filled:
         words = f"{fill} fills {filled} steps, so values can look back {filled - 1}"
         raise UserError("history", history, words)

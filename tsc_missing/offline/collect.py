@@ -69,7 +69,7 @@ def collect(
         done += 1
         if watch is not None:
             watch(done, len(specs))
-    if wanted or not (out / MANIFEST).exists():
+    if wanted or not _is_summed_up(out, settings):
         write_json(out / MANIFEST, _manifest(settings, out, specs, scenarios))
     return read_dataset(out)
 
@@ -130,6 +130,15 @@ def _is_there(out: Path, spec: EpisodeSpec) -> bool:
     except (OSError, ValueError):
         return False
     return True
+
+
+def _is_summed_up(out: Path, settings: CollectSettings) -> bool:
+    """Whether the manifest is of as many episodes: one of fewer is from before there were more."""
+    try:
+        text = (out / MANIFEST).read_text(encoding="utf-8")
+        return len(DatasetManifest.model_validate_json(text).episodes) == settings.episodes
+    except (OSError, ValueError):
+        return False
 
 
 def _manifest(

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import parse, read_json, replace_file, sha256
+from tsc_missing.files import is_barely_begun, parse, read_json, replace_file, sha256
 from tsc_missing.network.folder import RECORD
 from tsc_missing.network.model import Network
 from tsc_missing.network.records import NetworkRecord
@@ -169,7 +169,7 @@ def start_dataset(path: Path, settings: CollectSettings, inputs: Mapping[str, st
     """
     if path.exists() and not path.is_dir():
         raise UserError("out", path, "it is a file, and must be a folder")
-    if path.is_dir() and not (path / PLAN).is_file() and any(path.iterdir()):
+    if path.is_dir() and not (path / PLAN).is_file() and not is_barely_begun(path):
         raise UserError("out", path, f"the folder is not empty and has no {PLAN}")
     numbers = [int(k.stem) for k in (path / EPISODES).glob("[0-9]*.parquet")]
     if (path / PLAN).is_file() and numbers:

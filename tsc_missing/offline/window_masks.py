@@ -80,12 +80,15 @@ class WindowMasks:
     own_blind: BoolArray  # (B,)
     near_blind: FloatArray  # (B,) probability that another intersection is blind
     step_rate: FloatArray  # (B,) of an intersection at a step
-    lane_rate: FloatArray  # (B,) of a slot at a step
+    lane_rate: FloatArray  # (B,) of a slot, or of those that share sensors, at a step
     burst_rate: FloatArray  # (B,) share of time in an outage
     mean_outage: float  # [decision steps]
 
     def seen(self, intersections: IntArray, slots: IntArray, steps: int) -> BoolArray:
-        """(B, …, T): whether cells report; ``intersections`` and ``slots`` (B, …)."""
+        """(B, …, T): whether cells report; ``intersections`` and ``slots`` (B, …).
+
+        Slots that share sensors report together: say ``Network.slots_in_common`` of each.
+        """
         shape = (-1, *[1] * (intersections.ndim - 1))
 
         def each(x: FloatArray) -> FloatArray:

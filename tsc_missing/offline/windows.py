@@ -18,6 +18,8 @@ from tsc_missing.offline.pool import RECORDED, RED_STEPS, EpisodePool
 from tsc_missing.offline.window_masks import MaskMix, WindowMasks, draw_masks
 from tsc_missing.seeding import stream
 
+NOTHING = "it must have something recorded"
+
 
 @dataclass(frozen=True)
 class Draw:
@@ -58,6 +60,8 @@ class WindowSampler:
             raise UserError(
                 FIELD, dataset.path, f"episodes must have at least {self._length} steps"
             )
+        if not any(entry.statistics.cells for entry in dataset.episodes):
+            raise UserError(FIELD, dataset.path, NOTHING)
         self._mix = mix
         self._seed = seed
         self._told_all = told_all
@@ -80,7 +84,7 @@ class WindowSampler:
         pool = self._pool
         usable = np.flatnonzero([len(sensed) > 0 for sensed in pool.sensed])
         if not len(usable):
-            raise UserError(FIELD, self._path, "it must have something recorded")
+            raise UserError(FIELD, self._path, NOTHING)
         place = usable[rng.integers(len(usable), size=count)]
         which, where = rng.random((2, count))
         sizes = np.array([len(sensed) for sensed in pool.sensed])
@@ -104,10 +108,10 @@ class WindowSampler:
         rows = draw.place[:, None] * pool.rows + np.maximum(time, 0) * tables.n[net][:, None]
         own = (rows + draw.intersection[:, None])[..., None] * N_SLOTS + np.arange(N_SLOTS)
         values, recorded, green, red = self._gather(own, within[..., None])
-        slots = np.broadcast_to(np.arange(N_SLOTS), (count, N_SLOTS))
         here = np.broadcast_to(draw.intersection[:, None], (count, N_SLOTS))
-        seen = masks.seen(here, slots, self._length).transpose(0, 2, 1)
-        telling = _Telling(rows, within, masks, rng.random(count) < self._told_all)
+        seen = masks.seen(here, tables.common[index], self._length).transpose(0, 2, 1)
+        everything = rng.random(count) < self._told_all
+        telling = _Telling(rows, within, masks, everything, tables.offset[net])
         near = self._told(telling, tables.neighbours[index])
         down = self._told(telling, tables.downstream[index])
         now = rows[:, self._history - 1] + draw.intersection
@@ -154,7 +158,9 @@ class WindowSampler:
         steps = (len(table), *[1] * (table.ndim - 1), self._length)
         cells = telling.rows.reshape(steps) * N_SLOTS + other[..., None]
         values, recorded, green, red = self._gather(cells, telling.within.reshape(steps))
-        told = telling.masks.seen(other // N_SLOTS, other % N_SLOTS, self._length)
+        index = telling.offset.reshape(steps[:-1]) + other // N_SLOTS
+        common = self._tables.common[index, other % N_SLOTS]
+        told = telling.masks.seen(other // N_SLOTS, common, self._length)
         told &= np.arange(self._length) < self._history
         told |= telling.everything.reshape(steps[:-1])[..., None]
         given = recorded & _tensor(told & exists[..., None])
@@ -167,7 +173,7 @@ class WindowSampler:
         its first step, which ``cells`` must point to (as ``controllers.recent`` has it in a run).
         """
         flat = self._cells.index_select(0, _tensor(cells.ravel()))
-        found = flat.view(*cells.shape, -1)
+        found = flat.view(*cells.shape, flat.shape[-1])
         red = found[..., RED_STEPS]
         recorded = (found[..., RECORDED] > 0) & _tensor(within)
         return found[..., :RED_STEPS], recorded, red == 0, red
@@ -181,6 +187,7 @@ class _Telling:
     within: BoolArray  # (B, T)
     masks: WindowMasks
     everything: BoolArray  # (B,) whether they tell all that is recorded
+    offset: IntArray  # (B,) of the window's network in the tables
 
 
 @dataclass(frozen=True)
@@ -201,6 +208,7 @@ class _Tables:
         self.n = np.array([network.n for network in networks])
         self.offset = np.cumsum(self.n) - self.n
         self.slots = np.concatenate([network.slot_mask for network in networks])
+        self.common = np.concatenate([network.slots_in_common for network in networks])
         most = max(network.phase_mask.shape[1] for network in networks)
 
         def padded(table: BoolArray) -> BoolArray:

@@ -30,7 +30,7 @@ from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import VEHICLES
 from tsc_missing.versions import git_revision, versions
-from tsc_missing.weights.find import FILE, find_weights
+from tsc_missing.weights.find import FILE, MAKES_VALUES, find_weights
 from tsc_missing.weights.inputs import check_inputs, of_scenarios, write_inputs
 
 EPISODES = "episodes"
@@ -108,7 +108,7 @@ class QTraining:
         graphs = {net: Graph.of(network) for net, network in networks.items()}
         self.learner = Learner(settings, graphs)
         if settings.start is not None:
-            self.learner.begin_with(find_weights(settings.start))
+            self.learner.begin_with(find_weights(settings.start, MAKES_VALUES, "start"))
         self._own = Replay(networks, settings, settings.memory)
         self._given = Replay(networks, settings, 10**6)
         self.round = 0
@@ -130,8 +130,11 @@ class QTraining:
         """Learn to the last round; returns the weights' file, or None where ``stop`` was true."""
         (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
         write_inputs(self.folder, self._inputs)
+        new = self.round == 0 and self.learner.done == 0
+        if new:  # something to go on from, before what may take minutes
+            save_learner(self.folder, self.settings, self.learner, 0)
         self._load()
-        if self.round == 0 and self.learner.done == 0:
+        if new:
             self._learn(self.settings.before, "before")
             self.learner.act_as_now()
             save_learner(self.folder, self.settings, self.learner, 0)

@@ -64,6 +64,9 @@ def read_training(
     for name, value in changes.items():
         if name not in kind.model_fields:
             raise UserError(name, value, f"the training {path.stem} has no such setting")
+        if isinstance(value, list) and kind is not TrainingSettings:
+            words = f"the training {path.stem} learns from one dataset"
+            raise UserError(name, " and ".join(map(str, value)), words)
     try:
         return kind.model_validate({**values, **changes})
     except ValidationError as error:

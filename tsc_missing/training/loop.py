@@ -140,7 +140,7 @@ class Training(StepTraining[TrainingSettings, Seen]):
 
 def _begin_with(model: DiffLightModel, weights: str) -> str:
     """Put weights into a model; returns their checksum. ``UserError`` for those of another one."""
-    path = find_weights(weights)
+    path = find_weights(weights, field="begin")
     found, manifest = load_weights(path)
     if found.config != model.config:
         raise UserError("begin", weights, "they are of a model with another config")

@@ -10,6 +10,7 @@ FILE = "weights.safetensors"
 FIELD = "weights"
 DEFAULT = "universal"
 COMMAND = f"tsc-train {DEFAULT}"  # makes the default weights
+MAKES_VALUES = "tsc-train lookahead"
 
 
 def packaged_weights() -> list[str]:
@@ -17,12 +18,13 @@ def packaged_weights() -> list[str]:
     return sorted(path.parent.name for path in FOLDER.glob(f"*/{FILE}"))
 
 
-def find_weights(name: str, command: str = COMMAND) -> Path:
+def find_weights(name: str, command: str = COMMAND, field: str = FIELD) -> Path:
     """The file of the packaged weights ``name``, or of those at the path ``name``.
 
     A path is that of a weights file or of a folder with a ``weights.safetensors``; a name may also
     be that of a training in ``runs``. Raises ``UserError`` where there is none of these, which says
-    what makes weights of that name, or else the ``command`` that makes some of the kind.
+    what makes weights of that name, or else the ``command`` that makes some of the kind, and names
+    the ``field``.
     """
     packaged = packaged_weights()
     if name in packaged:
@@ -33,7 +35,7 @@ def find_weights(name: str, command: str = COMMAND) -> Path:
     allowed = "allowed: the path of a file, as none come with this installation"
     if packaged:
         allowed = f"{nearest(name, packaged)}, or the path of a file"
-    raise UserError(FIELD, name or "nothing", f"{allowed}; `{_command(name, command)}` makes some")
+    raise UserError(field, name or "nothing", f"{allowed}; `{_command(name, command)}` makes some")
 
 
 def _command(name: str, default: str) -> str:

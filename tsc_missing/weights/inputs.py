@@ -5,9 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import read_json, replace_file
-
-INPUTS = "inputs.json"
+from tsc_missing.files import INPUTS, read_json, replace_file
 
 
 def write_inputs(folder: Path, inputs: Mapping[str, str]) -> None:
