@@ -13,6 +13,7 @@ from tsc_missing.batch.suite import read_suite
 from tsc_missing.batch.task import Task, run_task
 from tsc_missing.batch.worker import Outcome
 from tsc_missing.errors import UserError
+from tsc_missing.versions import versions
 
 
 @pytest.fixture
@@ -108,8 +109,18 @@ def test_faults_that_pass_are_worth_another_attempt(prepare, tmp_path, monkeypat
 
     monkeypatch.setattr("tsc_missing.evaluation.run._execute", broken)
     (run, _) = prepare().suite.runs
-    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, Path.cwd())
+    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, versions(), Path.cwd())
     failure = run_task(task)
     assert failure.kind == "error"
     assert words in failure.error
+    assert not task.folder.exists()
+
+
+def test_a_worker_of_another_version_runs_nothing(prepare, tmp_path):
+    (run, _) = prepare().suite.runs
+    wanted = {**versions(), "source": "another"}
+    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, wanted, Path.cwd())
+    failure = run_task(task)
+    assert failure.kind == "refused"
+    assert "'source': 'another'" in failure.error
     assert not task.folder.exists()

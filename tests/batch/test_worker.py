@@ -1,6 +1,7 @@
 """A worker's process: kept for as long as it works, and replaced by number of runs."""
 
 import os
+import threading
 import time
 import warnings
 
@@ -33,6 +34,22 @@ def test_a_process_that_grows_stays_and_nothing_is_said_of_it():
             worker.close()
     assert found == [first] * 3
     assert [str(each.message) for each in said] == []
+
+
+def leave_a_thread() -> None:
+    """As a controller of one's own may."""
+    threading.Thread(target=time.sleep, args=(600,)).start()
+
+
+def test_a_process_that_does_not_end_is_ended(monkeypatch):
+    monkeypatch.setattr("tsc_missing.batch.worker.GRACE", 0.5)
+    worker = Worker()
+    worker._ready(runs_per_process=9)
+    worker._executor.submit(leave_a_thread).result(60)
+    began = time.monotonic()
+    worker.close()
+    assert time.monotonic() - began < 60
+    assert worker.process is None
 
 
 def test_processes_are_replaced_by_number_of_runs():

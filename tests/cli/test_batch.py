@@ -68,6 +68,11 @@ def test_a_batch_is_what_its_runs_are_alone_and_runs_once(command, small_net):
     assert {path.name: path.stat().st_mtime_ns for path in (out / "runs").iterdir()} == made
     assert rows(out) == table
 
+    less = command("batch", "small.toml", "--out", "b", "--set", "seed=1")
+    assert less.returncode == 0, less.stderr
+    assert "not in the table: 2 runs in b/runs that this suite does not have" in less.stdout
+    assert rows(out) == {run: row for run, row in table.items() if run.endswith("seed1")}
+
 
 def test_killed_and_interrupted_batches_go_on(command, small_net):
     write_suite(command, small_net, horizon=300)

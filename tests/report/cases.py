@@ -105,7 +105,7 @@ def record(spec: RunSpec) -> dict[str, Any]:
         "demand": "profile",
         "versions": {"libsumo": "1.28.0"},
         "git": "abc",
-        "checksums": {"net.net.xml": "0"},
+        "checksums": find_scenario("jinan_1", "auto").checksums(),
         "fallback_error": "",
         "result": Result.model_validate(values).model_dump(mode="json"),
     }

@@ -24,8 +24,17 @@ from tsc_missing.report.paper import paper_table
 from tsc_missing.report.queue_map import map_runs
 from tsc_missing.report.queues import queue_figure, smooth
 from tsc_missing.report.results import Results, read_results
-from tsc_missing.report.statistics import mean_of, paired, ratio_of
-from tsc_missing.report.style import COLOURS, GREY, End, label_ends, looks, panels
+from tsc_missing.report.statistics import Pairs, mean_of, paired, ratio_of
+from tsc_missing.report.style import (
+    COLOURS,
+    GREY,
+    LONGEST,
+    End,
+    label_ends,
+    looks,
+    panels,
+    shortened,
+)
 from tsc_missing.report.tables import (
     _wide_or_long,
     best_conventional,
@@ -57,28 +66,51 @@ def test_mean_and_standard_error():
 @given(st.lists(st.tuples(positive, positive), min_size=2, max_size=6), st.floats(0.5, 2))
 def test_ratios_hold_what_they_say(pairs, factor):
     pairs = np.array(pairs)
-    ratio = ratio_of([pairs])
+    ratio = ratio_of([of_seeds(pairs)])
     assert ratio.value == pytest.approx(pairs[:, 0].mean() / pairs[:, 1].mean())
     low, high = ratio.interval
     each = pairs[:, 0] / pairs[:, 1]
     assert each.min() - 1e-9 <= low <= high <= each.max() + 1e-9
-    scaled = ratio_of([pairs * [factor, 1]])
+    scaled = ratio_of([of_seeds(pairs * [factor, 1])])
     assert scaled.value == pytest.approx(factor * ratio.value)
-    constant = ratio_of([np.column_stack([factor * pairs[:, 1], pairs[:, 1]])])
+    constant = ratio_of([of_seeds(np.column_stack([factor * pairs[:, 1], pairs[:, 1]]))])
     assert constant.interval == pytest.approx((factor, factor))
 
 
 def test_ratios_over_strata_and_pairs():
-    one, other = np.array([[2.0, 1.0]]), np.array([[1.0, 2.0]])
+    one, other = of_seeds([[2.0, 1.0]]), of_seeds([[1.0, 2.0]])
     assert ratio_of([one, other]).value == pytest.approx(1.0)
     assert ratio_of([one]).interval is None
-    assert ratio_of([np.zeros((0, 2))]) is None
-    seeds = np.array([[0.9, 1.0], [1.0, 1.0], [1.2, 1.0]])
+    assert ratio_of([paired({}, {})]) is None
+    seeds = of_seeds([[0.9, 1.0], [1.0, 1.0], [1.2, 1.0]])
     assert ratio_of([seeds] * 20).interval == pytest.approx(ratio_of([seeds]).interval)
     for zero in ([[0.0, 2.0]], [[2.0, 0.0]], [[0.0, 0.0]], [[2.0, 1.0], [3.0, 0.0]]):
-        assert ratio_of([np.array(zero)]) is None
-        assert ratio_of([one, np.array(zero)]) == ratio_of([one])
-    assert paired({1: 5.0, 0: 4.0}, {1: 7.0, 2: 8.0}).tolist() == [[5.0, 7.0]]
+        assert ratio_of([of_seeds(zero)]) is None
+        assert ratio_of([one, of_seeds(zero)]) == ratio_of([one])
+    assert paired({1: 5.0, 0: 4.0}, {1: 7.0, 2: 8.0}).values.tolist() == [[5.0, 7.0]]
+
+
+def test_a_seed_is_drawn_in_all_strata_or_in_none():
+    """Whatever seeds a stratum has: those of a seed go up and down together."""
+    effect = {0: 1.1, 1: 1.0, 2: 0.9}
+
+    def stratum(*seeds):
+        return paired({seed: effect[seed] for seed in seeds}, dict.fromkeys(seeds, 1.0))
+
+    assert ratio_of([stratum(0, 1, 2)] * 2).interval == pytest.approx((0.9, 1.1))
+    effect[0], effect[2] = (
+        1.2,
+        1.2,
+    )  # beside each other in their order one would make up for the other
+    low, high = ratio_of([stratum(0, 1), stratum(1, 2)]).interval
+    assert (low, high) == pytest.approx((1.0, 1.2))
+    far = paired({1: 3.0, 2: 3.6}, {1: 1.0, 2: 1.0})
+    wide = ratio_of([stratum(0, 1), far])
+    assert wide.interval == pytest.approx((low * 3**0.5, high * 3**0.5))
+
+
+def of_seeds(pairs):
+    return Pairs(tuple(range(len(pairs))), np.array(pairs, dtype=float).reshape(-1, 2))
 
 
 def test_bootstrap_intervals_cover():
@@ -88,7 +120,7 @@ def test_bootstrap_intervals_cover():
     for _ in range(100):
         shared = rng.normal(300, 20, 20)
         pairs = np.column_stack([0.9 * shared, shared]) + rng.normal(0, 5, (20, 2))
-        low, high = ratio_of([pairs]).interval
+        low, high = ratio_of([of_seeds(pairs)]).interval
         held += low <= 0.9 <= high
     assert 85 <= held <= 99
 
@@ -374,3 +406,49 @@ def test_tables_with_many_cases_have_a_row_for_each():
     assert lines[3:-1] == [f"| case {k} | {k} | {12 + k} |" for k in range(12)]
     few = _wide_or_long(header[:4], [["a", "1", "2", "3"]])
     assert few[1] == "| method | case 0 | case 1 | case 2 |"
+
+
+def test_runs_of_another_network_are_not_compared(tmp_path):
+    folder = make_batch(tmp_path / "b", tmp_path)
+    path = next((folder / "runs").glob("*max-queue-seed1")) / "run.json"
+    record = json.loads(path.read_text())
+    for name in ("net.net.xml", "demand: jinan_1.json"):
+        other = {**record, "checksums": {**record["checksums"], name: "abc"}}
+        path.write_text(json.dumps(other))
+        with pytest.raises(UserError, match="'s file is abc"):
+            read_results([folder])
+
+
+def test_a_network_that_is_gone_has_no_maps(tmp_path, monkeypatch):
+    folder = make_batch(tmp_path / "b", tmp_path, decisions=True)
+    results = read_results([folder])
+
+    def gone(*_):
+        raise UserError("net", "jinan_1", "there is no such folder")
+
+    monkeypatch.setattr("tsc_missing.report.scenes.find_scenario", gone)
+    report = make_report(results, "att_all")
+    assert not [picture for picture in report.pictures if picture.name.startswith("map")]
+    assert "not here as it was when it was run: jinan\\_1" in report.markdown
+
+
+def test_the_base_has_as_many_seeds_as_any(tmp_path):
+    whole = read_results([make_batch(tmp_path / "b", tmp_path)])
+    case = ("jinan_1", "random 50 %")
+    best = best_conventional(whole, *case, "att_all")
+    (tmp_path / "c").mkdir()
+    few = make_batch(tmp_path / "c", tmp_path, skip=f"random-0.5-{best}-seed0")
+    assert best_conventional(read_results([few]), *case, "att_all") != best
+
+
+def test_small_values_have_digits(results):
+    lines = cells(result_table(results, "jinan_1", "decision_ms_median"))
+    assert lines["max-queue"]["none"].startswith("**1.50")
+
+
+def test_long_names_fit_beside_lines():
+    assert shortened("max-queue") == "max-queue"
+    words = shortened("/home/somebody/with/a/long/path/to/mine.py:LongestWait")
+    assert len(words) == LONGEST
+    assert words.startswith("/home")
+    assert words.endswith("mine.py:LongestWait")

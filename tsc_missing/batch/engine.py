@@ -51,6 +51,7 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
     """The workers of a Dask cluster that see the folder ``out`` and have these versions."""
     try:
         from distributed import Client
+        from distributed.comm import CommClosedError
     except ModuleNotFoundError:
         raise UserError(
             CLUSTER, address, "Dask is not installed: pip install 'tsc-missing[cluster]'"
@@ -61,15 +62,19 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
         raise UserError(
             CLUSTER, address, f"no Dask scheduler answers there ({type(error).__name__})"
         ) from None
-    with client:
-        _check_workers(client, address, out)
-        executor = client.get_executor(pure=False)
-        try:
-            yield Engine(executor, lambda: sum(client.nthreads().values()), lambda: 0)
-        except BaseException:
-            executor.shutdown(wait=False)  # cancels what waits; what runs sees that it is unwanted
-            raise
-        executor.shutdown()
+    try:
+        with client:
+            _check_workers(client, address, out)
+            executor = client.get_executor(pure=False)
+            try:
+                yield Engine(executor, lambda: sum(client.nthreads().values()), lambda: 0)
+            except BaseException:
+                executor.shutdown(wait=False)  # cancels what waits; what runs sees it is unwanted
+                raise
+            executor.shutdown()
+    except (CommClosedError, TimeoutError) as error:
+        words = f"its scheduler was lost ({type(error).__name__}); the same command goes on"
+        raise UserError(CLUSTER, address, words, verdict="does not answer any more") from error
 
 
 def _check_workers(client: Any, address: str, out: Path) -> None:

@@ -33,6 +33,7 @@ from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import is_whole
 from tsc_missing.evaluation.scenario import Scenario
+from tsc_missing.versions import versions
 
 
 @dataclass(frozen=True)
@@ -138,10 +139,10 @@ def _run_batch(batch: Batch, means: Means, watch: Watch | None) -> None:
     out = batch.out
     write_plan(out, Plan(suite=batch.suite, lacking=batch.lacking, command=means.command))
     clear_leftovers(out)
-    batch = _with_reused(batch, means.decisions)
-    for name in batch.finished:
-        forget_failure(out, name)
     try:
+        batch = _with_reused(batch, means.decisions)
+        for name in batch.finished:
+            forget_failure(out, name)
         _run_missing(batch, means, watch)
     finally:
         clear_leftovers(out)
@@ -176,7 +177,7 @@ def _engine(means: Means, out: Path, runs: int) -> contextlib.AbstractContextMan
 
 def _task(out: Path, run: RunSpec, decisions: bool, alive: Path) -> Task:
     folder = run_folder(out, run.name).resolve()
-    return Task(run.name, run.settings, folder, decisions, alive, Path.cwd())
+    return Task(run.name, run.settings, folder, decisions, alive, versions(), Path.cwd())
 
 
 def _keep(out: Path, outcome: Outcome) -> bool:

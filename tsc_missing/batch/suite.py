@@ -1,10 +1,12 @@
 """Suites: TOML files that say which runs a batch consists of (``docs/batches.md``)."""
 
+import csv
 import itertools
 import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +23,8 @@ from tsc_missing.network.folder import canonical
 from tsc_missing.paths import bundled
 
 FIELD = "suite"
+PAPER = bundled("scenarios") / "paper" / "results.csv"  # the numbers of the paper's tables
+LONGEST = 200  # characters of a run's name, which is that of files too
 FILE = ("missing", "file")  # looked for beside the suite, and then in the current folder
 TOP = ("title", "about", "paper", "methods", "runs")
 ABOUT_METHODS = ("paper", "train", "trained")
@@ -61,6 +65,13 @@ def bundled_suites() -> dict[str, Path]:
     """The bundled suites by name."""
     folder = bundled("scenarios") / "suites"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+@cache
+def paper_tables() -> tuple[str, ...]:
+    """The names of the paper's tables whose numbers are bundled."""
+    with PAPER.open(encoding="utf-8", newline="") as stream:
+        return tuple(dict.fromkeys(row["table"] for row in csv.DictReader(stream)))
 
 
 def read_suite(suite: str, changes: Sequence[str] = ()) -> Suite:
@@ -123,11 +134,15 @@ class _Reader:
         if not isinstance(blocks, list) or not blocks:
             self._wrong("runs", "a suite needs at least one [[runs]]")
         runs = [run for k, block in enumerate(blocks, 1) for run in self._block(k, block)]
+        long = max((run.name for run in runs), key=len)
+        if len(long) > LONGEST:
+            words = f"the run {long[:40]}… has a name of {len(long)} characters"
+            self._wrong("runs", f"{words}, and {LONGEST} is the most: name its method in [methods]")
         twice = [name for name, count in Counter(run.name for run in runs).items() if count > 1]
         if twice:
             self._wrong("runs", f"two runs are called {twice[0]}; names must differ")
         try:
-            return Suite(
+            suite = Suite(
                 name=self._path.stem,
                 title=content.get("title", self._path.stem),
                 about=content.get("about", ""),
@@ -136,6 +151,10 @@ class _Reader:
             )
         except ValidationError as error:
             raise UserError(FIELD, self._path, first_problem(error)) from None
+        for name in suite.paper:
+            if name not in paper_tables():
+                self._wrong("paper", f"unknown table {name}; {nearest(name, paper_tables())}")
+        return suite
 
     def _table(self, key: str) -> Mapping[str, Any]:
         table = self._content.get(key, {})
@@ -160,7 +179,11 @@ class _Reader:
         where = f"runs {number}"
         if not isinstance(block, Mapping):
             self._wrong(where, "it must be a table")
-        axes = dict(leaves(block))
+        found = list(leaves(block))
+        axes = dict(found)
+        if len(axes) < len(found):
+            key = next(key for key, times in Counter(key for key, _ in found).items() if times > 1)
+            self._wrong(f"{where}.{dotted(key)}", "it is there twice")
         for key, value in self._changes:
             axes = {old: kept for old, kept in axes.items() if not overlap(old, key)}
             axes[key] = value

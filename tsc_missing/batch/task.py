@@ -24,6 +24,7 @@ class Task:
     folder: Path
     decisions: bool
     alive: Path  # a file that is there as long as the batch wants its runs
+    versions: dict[str, str]  # that the batch wants
     home: Path  # where the batch was started: what is named by a relative path is there
 
 
@@ -35,6 +36,9 @@ def run_task(task: Task) -> Failure | None:
     """Make the run's folder; what goes wrong is said, never raised."""
     if is_whole(task.folder):
         return None
+    if versions() != task.versions:  # of a worker that joined a cluster later
+        words = f"its worker has {versions()}, and the batch {task.versions}"
+        return _failure("refused", words)
     with contextlib.suppress(OSError):  # a cluster's worker need not have it
         os.chdir(task.home)
     options = Options(task.folder, task.decisions, durable=True)

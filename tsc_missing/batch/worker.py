@@ -5,6 +5,7 @@ processes with). A shared executor would be simpler, but it gives up all of its 
 one of them dies; so a crash, a kill or a time-out costs the run that it happened to and no other.
 """
 
+import contextlib
 import multiprocessing
 import os
 import shutil
@@ -28,6 +29,7 @@ stopping = threading.Event()  # set while this process ends its workers
 # leak. The first run that loads torch grows by more; here processes are replaced by number of runs.
 GROWTH = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"}  # [B], so never
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMEXPR")
+GRACE = 10.0  # [s] that a process has to end by itself after its last run
 IDLE = 60.0  # [s] after which a process without a run ends by itself
 
 
@@ -113,10 +115,20 @@ class Worker:
     def close(self, kill: bool = False) -> None:
         """End the process, at once or after its run."""
         if self._executor is not None:
+            last = threading.Timer(GRACE, _end, [self.process])  # own code may have left a thread
+            last.daemon = True
+            last.start()
             self._executor.shutdown(wait=True, kill_workers=kill)
+            last.cancel()
         if self._scratch is not None:
             shutil.rmtree(self._scratch, ignore_errors=True)
         self._executor = self._scratch = self.process = None
+
+
+def _end(process: int | None) -> None:
+    if process is not None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
 
 
 def _failure(kind: str, error: str) -> Failure:
@@ -158,11 +170,7 @@ def busy() -> int:
 def kill_all() -> None:
     """End all workers of this process at once."""
     for worker in list(_workers):
-        if worker.process is not None:
-            try:
-                os.kill(worker.process, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
+        _end(worker.process)
 
 
 def close_all() -> None:

@@ -110,11 +110,15 @@ def _tell_lacking(prepared: "Batch") -> None:
 def _left(prepared: "Batch") -> list[str]:
     from tsc_missing.batch.folder import run_folder
 
-    return [r.name for r in prepared.suite.runs if not run_folder(prepared.out, r.name).exists()]
+    return [name for name in _names(prepared) if not run_folder(prepared.out, name).exists()]
+
+
+def _names(prepared: "Batch") -> list[str]:
+    return [run.name for run in prepared.suite.runs]
 
 
 def _list(prepared: "Batch", as_json: bool) -> None:
-    names = [run.name for run in prepared.suite.runs]
+    names = _names(prepared)
     if as_json:
         rows = {name: name in prepared.finished for name in names}
         reusable = {name: str(folder) for name, folder in prepared.reusable.items()}
@@ -135,7 +139,7 @@ def _watched(prepared: "Batch", means: "Means") -> dict[str, "Failure"]:
 
 
 def _print(prepared: "Batch", failures: dict[str, "Failure"], as_json: bool) -> None:
-    from tsc_missing.batch.folder import FAILURES, TABLE
+    from tsc_missing.batch.folder import FAILURES, RUNS, TABLE
 
     out, total = prepared.out, len(prepared.suite.runs)
     if as_json:
@@ -151,6 +155,9 @@ def _print(prepared: "Batch", failures: dict[str, "Failure"], as_json: bool) -> 
         sys.stdout.write("\n")
         return
     print(f"{total - len(failures)} of {total} runs finished: {out / TABLE}")
+    others = {path.name for path in (out / RUNS).glob("[!.]*")} - {*_names(prepared)}
+    if others:
+        print(f"not in the table: {len(others)} runs in {out / RUNS} that this suite does not have")
     for name, failure in failures.items():
         print(f"failed: {name}: {failure.error} ({out / FAILURES / name}.json)")
 

@@ -10,6 +10,7 @@ from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
 from tsc_missing.report.pictures import Picture, pictures_of
 from tsc_missing.report.results import Results
+from tsc_missing.report.scenes import without_network
 from tsc_missing.report.tables import (
     SEES_ALL,
     comparison_table,
@@ -77,6 +78,10 @@ def _about(results: Results) -> list[str]:
     if differing:
         words = "Methods of one table did not run alike, so they differ in more than the method:"
         lines += [words, "", *(f"- {escaped(one)}" for one in differing), ""]
+    gone = without_network(results)
+    if gone:
+        words = "No maps, as the network is not here as it was when it was run"
+        lines += [f"{words}: {', '.join(map(escaped, gone))}.", ""]
     return lines
 
 
@@ -92,14 +97,15 @@ def _results(results: Results, metric: str) -> list[str]:
         "<ins>underlined</ins>, whether or not the difference is more than chance.",
         "",
     ]
-    if any("± 0.0" in line for line in tables):
+    if any(re.search(r"± 0\.0+(?!\d)", line) for line in tables):
         lines += [
             "± 0.0: the seeds make next to no difference. A recorded demand is the same for every "
             "seed, and where nothing is missing no mask is drawn either.",
             "",
         ]
     if any(re.search(r"\(\d+ of \d+\)", line) for line in tables):
-        lines += ["(2 of 3) is a mean over two of three seeds; the others failed or wait.", ""]
+        words = "the others failed, wait, or were not asked for"
+        lines += [f"(2 of 3) is a mean over two of three seeds; {words}.", ""]
     if "reference" in results.kinds.values():
         lines += [
             f"{SEES_ALL} runs inside SUMO and sees everything, whatever is missing: a reference, "

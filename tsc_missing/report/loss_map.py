@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from tsc_missing.batch.suite import slug
 from tsc_missing.evaluation.run_folder import MASK
-from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.network.coverage import Coverage
+from tsc_missing.network.folder import NetworkFolder
 from tsc_missing.network.model import FloatArray, Network
 from tsc_missing.network.picture import DPI, MARGIN, choose_layout, map_axes
 from tsc_missing.network.picture_legend import (
@@ -28,6 +28,7 @@ from tsc_missing.network.picture_style import INK, WHITE, choose_sizes
 from tsc_missing.network.roads import read_roads
 from tsc_missing.report.markdown import signed
 from tsc_missing.report.results import NOTHING_MISSING, Results, Run
+from tsc_missing.report.scenes import network_folder
 from tsc_missing.report.statistics import paired, ratio_of
 from tsc_missing.report.tables import is_listed
 from tsc_missing.sensing.masks import load_mask
@@ -44,19 +45,22 @@ def loss_maps(results: Results, metric: str) -> Iterator[tuple[str, Figure, str]
         for method in results.methods:
             found = _costs(results, dataset, method, metric)
             if found is not None:
-                network, run, costs = found
+                folder, run, costs = found
                 words = (
                     f"What it costs {method} on {dataset} when an intersection's sensors are "
                     f"silent for the whole run: {metric} beside that with nothing missing, "
                     "paired by seed, mean over seeds."
                 )
-                yield slug(f"losses-{dataset}-{method}"), _draw(network, run, costs, metric), words
+                yield slug(f"losses-{dataset}-{method}"), _draw(folder, run, costs, metric), words
 
 
 def _costs(
     results: Results, dataset: str, method: str, metric: str
-) -> tuple[Network, Run, FloatArray] | None:
-    """(N,): by how much worse each intersection's loss makes it, NaN where none was tried."""
+) -> tuple[NetworkFolder, Run, FloatArray] | None:
+    """(N,): by how much worse each intersection's loss makes it, NaN where none was tried.
+
+    None where too few were tried, or the network is gone.
+    """
     whole = results.values(dataset, NOTHING_MISSING, method, metric)
     cases = [
         (case, runs)
@@ -66,8 +70,10 @@ def _costs(
     if not whole or len(cases) < FEWEST:
         return None
     run = next(iter(cases[0][1].values()))
-    settings = run.spec.settings
-    network = find_scenario(settings.net, settings.demand).folder.network
+    folder = network_folder(run)
+    if folder is None:
+        return None
+    network = folder.network
     costs = np.full(network.n, np.nan)
     for case, runs in cases:
         lost = _lost(next(iter(runs.values())), network)
@@ -75,7 +81,7 @@ def _costs(
         ratio = ratio_of([pairs])
         if lost is not None and ratio is not None:
             costs[lost] = ratio.value - 1
-    return (network, run, costs) if np.isfinite(costs).sum() >= FEWEST else None
+    return (folder, run, costs) if np.isfinite(costs).sum() >= FEWEST else None
 
 
 def _lost(run: Run, network: Network) -> int | None:
@@ -88,8 +94,8 @@ def _lost(run: Run, network: Network) -> int | None:
     return int(coverage.blind.argmax()) if alone else None
 
 
-def _draw(network: Network, run: Run, costs: FloatArray, metric: str) -> Figure:
-    folder = find_scenario(run.spec.settings.net, run.spec.settings.demand).folder
+def _draw(folder: NetworkFolder, run: Run, costs: FloatArray, metric: str) -> Figure:
+    network = folder.network
     roads = read_roads(folder.net_file, network.record)
     sizes = choose_sizes(network, roads)
     tried = np.isfinite(costs)

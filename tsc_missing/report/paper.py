@@ -9,9 +9,8 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from tsc_missing.batch.suite import RunSpec
+from tsc_missing.batch.suite import PAPER, RunSpec
 from tsc_missing.config import RunSettings
-from tsc_missing.paths import bundled
 from tsc_missing.report.markdown import NOTHING, escaped, table
 from tsc_missing.report.results import NOTHING_MISSING, Results
 from tsc_missing.report.statistics import mean_of
@@ -43,8 +42,7 @@ Key = tuple[str, str, Condition, str]  # table, dataset, condition, method
 @cache
 def paper_numbers() -> dict[Key, float]:
     """All numbers of the paper's tables, and the common controller's [s]."""
-    path = bundled("scenarios") / "paper" / "results.csv"
-    with path.open(encoding="utf-8", newline="") as stream:
+    with PAPER.open(encoding="utf-8", newline="") as stream:
         return {
             (row["table"], row["dataset"], parse_condition(row["condition"]), row["method"]): float(
                 row["value_s"]

@@ -26,24 +26,25 @@ class Picture:
 
 def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
     """Those that the results have something to show for."""
+    subject = "Travel time" if metric.startswith("att_") else metric
     drawn: list[tuple[str, Figure | None, str]] = [
         (
             "missing-rate",
             rate_figure(results, metric),
-            "Travel time against the missing rate; bars are standard errors over seeds, and dotted "
+            f"{subject} against the missing rate; bars are standard errors over seeds, and dotted "
             f"what sees everything.{_scale_words(results, metric)} The scales do not begin at 0; "
             "an arrow stands for a line that ends above the scale, with its value there.",
         ),
         (
             "generalisation",
             generalisation_figure(results, metric),
-            "Weights trained at one missing rate and tested at another: travel time divided by "
+            f"Weights trained at one missing rate and tested at another: {metric} divided by "
             "that of the weights trained at the tested rate. Above 1 is worse than these.",
         ),
         (
             "imputation",
             imputation_figure(results, metric),
-            "Travel time against the error of imputation, means over seeds; a larger marker is a "
+            f"{subject} against the error of imputation, means over seeds; a larger marker is a "
             "larger missing rate. Methods that impute nothing are not shown.",
         ),
         (

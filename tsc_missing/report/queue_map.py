@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tsc_missing.evaluation.run_folder import MASK
-from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.network.coverage import Coverage
 from tsc_missing.network.model import BoolArray, FloatArray, Network
 from tsc_missing.network.picture import DPI, MARGIN, choose_layout, map_axes
@@ -28,6 +27,7 @@ from tsc_missing.network.roads import Road, read_roads
 from tsc_missing.network.slots import TURNS
 from tsc_missing.report.queues import read_queues
 from tsc_missing.report.results import Results, Run
+from tsc_missing.report.scenes import network_folder
 from tsc_missing.report.statistics import mean_of
 from tsc_missing.sensing.masks import load_mask
 
@@ -68,19 +68,18 @@ def _blindness(run: Run) -> tuple[bool, bool, float]:
 
 
 def queue_map(run: Run) -> Figure | None:
-    """The picture of a run; None where it wrote no decisions."""
-    read = read_queues(run)
-    if read is None:
+    """The picture of a run; None where it wrote no decisions, or its network is gone."""
+    read, folder = read_queues(run), network_folder(run)
+    if read is None or folder is None:
         return None
-    scenario = find_scenario(run.spec.settings.net, run.spec.settings.demand)
-    network = scenario.folder.network
+    network = folder.network
     mask_file = run.folder / MASK
     mask = load_mask(mask_file, network) if mask_file.is_file() else None
     coverage = Coverage.of_mask(
         mask if mask is not None else np.ones((1, *network.slot_mask.shape), dtype=bool),
         network.slot_mask,
     )
-    roads = read_roads(scenario.folder.net_file, network.record)
+    roads = read_roads(folder.net_file, network.record)
     return _draw(run, network, roads, coverage, read[1].mean(axis=0))
 
 

@@ -14,6 +14,7 @@ from tsc_missing.controllers.catalogue import NATIVE
 from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import MASK
+from tsc_missing.network.folder import NET
 from tsc_missing.own_code import is_own
 
 FIELD = "results"
@@ -186,13 +187,22 @@ def _check_same_scenes(results: Results) -> None:
 def _scene(run: Run) -> dict[str, object]:
     """What the runs that are compared with each other have in common."""
     settings = run.spec.settings
+    files = json.loads(run.row["checksums"] or "{}")
+    demand = [digest for name, digest in files.items() if name.startswith("demand: ")]
     return {
         "demand": run.row["demand_kind"],
+        "the network's file": _short(files.get(NET)),
+        "the demand's file": _short(next(iter(demand), None)),
         "volume": settings.volume,
         "horizon": settings.horizon,
         "vehicle": settings.vehicle.model_dump(),
         "mask": run.row[f"{MASK}_sha256"],  # none of SUMO's own programs
     }
+
+
+def _short(digest: str | None) -> str | None:
+    """A checksum as it is told."""
+    return None if digest is None else digest[:12]
 
 
 def _check_one_of_each(results: Results) -> None:

@@ -25,6 +25,7 @@ DPI = 160
 PANEL = (3.6, 2.7)  # [inches]
 COLUMNS = 3
 LEGEND_LINE = 0.21  # [inches]
+LONGEST = 42  # characters of a label at the end of a line, or in a legend
 LABEL_LINE = 0.135  # [inches], of a label at the end of a line
 
 
@@ -153,7 +154,7 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
     for end, y in zip(ends, places, strict=True):
         above = end.y > high
         look = short if end.x < last else {"color": end.colour}
-        words = f"{end.words} \u2191\u202f{end.y:.0f}" if above else end.words
+        words = shortened(end.words) + (f" \u2191\u202f{end.y:.0f}" if above else "")
         axes.annotate(
             words,
             (end.x, min(end.y, high)),
@@ -168,6 +169,13 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
         )
 
 
+def shortened(words: str) -> str:
+    """Words that fit beside a line: of long ones, as those of own code are, begin and end."""
+    if len(words) <= LONGEST:
+        return words
+    return f"{words[: LONGEST // 3]}…{words[1 - LONGEST + LONGEST // 3 :]}"
+
+
 def line_sample(look: Look, words: str, marker: bool = True) -> Line2D:
     """A legend's entry."""
     return Line2D(
@@ -178,5 +186,5 @@ def line_sample(look: Look, words: str, marker: bool = True) -> Line2D:
         marker=look.marker if marker else "",
         markersize=4.5,
         linewidth=1.4,
-        label=words,
+        label=shortened(words),
     )

@@ -1,8 +1,7 @@
 """The tables of a report: results, comparisons, decision times."""
 
+import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from tsc_missing.report.markdown import (
     NOTHING,
@@ -13,7 +12,7 @@ from tsc_missing.report.markdown import (
     table,
 )
 from tsc_missing.report.results import NOTHING_MISSING, Results
-from tsc_missing.report.statistics import mean_of, paired, ratio_of
+from tsc_missing.report.statistics import Pairs, mean_of, paired, ratio_of
 
 SEES_ALL = "°"
 MOST_COLUMNS = 10  # cases beside each other
@@ -26,13 +25,26 @@ def named(results: Results, method: str) -> str:
     return f"{escaped(method)}{mark}"
 
 
-def result_table(results: Results, dataset: str, metric: str, digits: int = 1) -> list[str]:
+def result_table(results: Results, dataset: str, metric: str) -> list[str]:
     """A row a method, a column a case: mean ± standard error, best and second marked."""
     cases = results.cases(dataset)
+    digits = _digits(results, dataset, metric)
     columns = [_column(results, dataset, case, metric, digits) for case in cases]
     methods = [m for m in results.methods if any(m in column for column in columns)]
     rows = [[named(results, m), *(column.get(m, NOTHING) for column in columns)] for m in methods]
     return _wide_or_long(["method", *map(escaped, cases)], rows)
+
+
+def _digits(results: Results, dataset: str, metric: str) -> int:
+    """After the point: one, and so many that the largest value of a dataset has three in all."""
+    values = (
+        abs(value)
+        for case in results.cases(dataset)
+        for method in results.methods
+        for value in results.values(dataset, case, method, metric).values()
+    )
+    most = max(values, default=0.0)
+    return max(1, 2 - math.floor(math.log10(most))) if most > 0 else 1
 
 
 def _wide_or_long(header: list[str], rows: list[list[str]]) -> list[str]:
@@ -71,14 +83,14 @@ def ranking(values: dict[str, float], digits: int) -> dict[str, int]:
 
 
 def best_conventional(results: Results, dataset: str, case: str, metric: str) -> str | None:
-    """The conventional method with the smallest mean."""
+    """The conventional method with the smallest mean, of those with the most seeds."""
     means = {
-        m: mean.value
+        m: mean
         for m in results.methods
         if results.kinds[m] == "conventional"
         and (mean := mean_of(list(results.values(dataset, case, m, metric).values())))
     }
-    return min(means, key=lambda m: means[m]) if means else None
+    return min(means, key=lambda m: (-means[m].n, means[m].value)) if means else None
 
 
 def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
@@ -131,10 +143,8 @@ def is_listed(results: Results, dataset: str, case: str) -> bool:
     return any(run.spec.settings.missing.file for all_ in runs for run in all_.values())
 
 
-def _between(
-    results: Results, dataset: str, method: str, case: str, metric: str
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(n, 2): a case of a method and nothing missing, by seed."""
+def _between(results: Results, dataset: str, method: str, case: str, metric: str) -> Pairs:
+    """A case of a method and nothing missing."""
     return paired(
         results.values(dataset, case, method, metric),
         results.values(dataset, NOTHING_MISSING, method, metric),
@@ -143,12 +153,9 @@ def _between(
 
 def _pairs(
     results: Results, dataset: str, case: str, method: str, base: str | None, metric: str
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    if base is None:
-        return np.zeros((0, 2))
-    return paired(
-        results.values(dataset, case, method, metric), results.values(dataset, case, base, metric)
-    )
+) -> Pairs:
+    against = {} if base is None else results.values(dataset, case, base, metric)
+    return paired(results.values(dataset, case, method, metric), against)
 
 
 def pooled_table(results: Results, metric: str) -> list[str]:
@@ -169,7 +176,7 @@ def pooled_table(results: Results, metric: str) -> list[str]:
         there = [p for p in pairs if len(p)]
         if ratio is None:
             continue
-        better = sum(bool((p[:, 0] < p[:, 1]).sum() * 2 > len(p)) for p in there)
+        better = sum(bool((p.values[:, 0] < p.values[:, 1]).sum() * 2 > len(p)) for p in there)
         rows.append(
             [
                 named(results, method),
