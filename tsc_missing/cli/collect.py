@@ -63,6 +63,9 @@ def collect(
     unaware: Annotated[
         float, typer.Option(help="Largest share of intersections whose policy sees nothing.")
     ] = DEFAULT.unaware,
+    neglect: Annotated[
+        float, typer.Option(help="Share of these that neglect some movements, whatever comes.")
+    ] = DEFAULT.neglect,
     lost: Annotated[
         list[str] | None,
         typer.Option(
@@ -103,6 +106,7 @@ def collect(
         epsilon_max=epsilon_max,
         switch=switch,
         unaware=unaware,
+        neglect=neglect,
         lost=tuple(lost or DEFAULT.lost),
         min_space=min_space,
         missing={

@@ -4,9 +4,11 @@ import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+from pydantic import ValidationError
 
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
@@ -95,7 +97,7 @@ def run_episode(spec: EpisodeSpec, out: Path, scratch: Path) -> None:
     log = play(
         scenario,
         spec.run_settings(),
-        Unaware(policy, unaware, spec.seed),
+        Unaware(policy, unaware, spec.seed, spec.neglect),
         spec.missing,
         spec.mask_seed,
         scratch,
@@ -169,7 +171,7 @@ def _source(out: Path, scenario: Scenario) -> Source:
 def _entry(out: Path, spec: EpisodeSpec, network: Network) -> EpisodeEntry:
     path = out / EPISODES / spec.file
     log, about = read_log(path)
-    if about != spec.model_dump(mode="json"):
+    if not _is_of(spec, about):
         raise UserError("out", path, "it is an episode of another collection")
     recorded = log.recorded & network.slot_mask
     statistics = _statistics(log, recorded)
@@ -184,6 +186,14 @@ def _entry(out: Path, spec: EpisodeSpec, network: Network) -> EpisodeEntry:
         mean_queue=queue,
         statistics=statistics,
     )
+
+
+def _is_of(spec: EpisodeSpec, about: dict[str, Any]) -> bool:
+    """Whether a log is of an episode; one of an earlier version does not tell what came later."""
+    try:
+        return EpisodeSpec.model_validate(about) == spec
+    except ValidationError:
+        return False
 
 
 def _statistics(log: EpisodeLog, recorded: BoolArray) -> Statistics:

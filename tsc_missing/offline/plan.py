@@ -28,6 +28,7 @@ class CollectSettings(Settings):
     epsilon_max: float = Field(0.2, ge=0, le=1)  # drawn for each episode
     switch: float = Field(0.25, ge=0, le=1)  # share of episodes with two policies in turn
     unaware: float = Field(0.6, ge=0, le=1)  # most of the intersections that see nothing
+    neglect: float = Field(0.0, ge=0, le=1)  # share of these that neglect some phases
     lost: tuple[MaybeFailure, ...] = ("none",)  # what the policies do not see, in turn
     min_space: int = Field(0, ge=0)  # [vehicles a lane] that policies keep on short roads; 0: none
     missing: MissingSettings = MissingSettings()  # holes of the log
@@ -75,6 +76,7 @@ class EpisodeSpec(Settings):
     switch_at: int | None  # [decision steps] where the second policy takes over
     epsilon: float
     unaware: float  # share of the intersections whose policy sees nothing
+    neglect: float = 0.0  # share of these that neglect some phases
     lost: MaybeFailure = "none"  # what the policies do not see
     min_space: int = 0  # [vehicles a lane] that the policies keep on short roads
     missing: MissingSettings
@@ -125,6 +127,7 @@ def draw_spec(settings: CollectSettings, number: int, scaled: bool = True) -> Ep
         switch_at=int(steps * rng.uniform(0.25, 0.75)) if len(chosen) > 1 else None,
         epsilon=epsilon,
         unaware=unaware,
+        neglect=settings.neglect,
         lost=settings.lost[number // len(settings.nets) % len(settings.lost)],
         min_space=settings.min_space,
         missing=settings.missing,

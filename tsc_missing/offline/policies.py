@@ -9,7 +9,7 @@ from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.catalogue import DIFFLIGHT, LEARNED, VALUE
 from tsc_missing.controllers.expected_queue import ExpectedQueue
 from tsc_missing.controllers.fixed_time import FixedTime
-from tsc_missing.controllers.random_phases import RandomPhases
+from tsc_missing.controllers.random_phases import RandomPhases, SkewedPhases
 from tsc_missing.controllers.registry import make_controller, roomy
 from tsc_missing.controllers.registry import make_policy as make_one
 from tsc_missing.controllers.wrapper import Wrapper
@@ -25,6 +25,7 @@ RULES = ("advanced-max-pressure", "fixed-time", "max-pressure", "max-queue")
 POLICIES = (*RULES, *LEARNED, VALUE, DIFFLIGHT)
 """Controllers by name; the learned ones have packaged weights."""
 
+AT_RANDOM = (2, 3)  # places of the unaware policies that stay a while
 STAY = 0.6  # probability that a signal that is switched at random stays as it is
 SPREAD = 0.5  # of the logarithm of an error in the flows that an unaware policy believes
 
@@ -38,29 +39,41 @@ class Unaware(Controller):
     learn from the signals but what they do to the traffic.
 
     Each of them has, at random, expected-queue with errors in its flows, the fixed-time plan, or
-    phases at random that stay a while.
+    phases at random that stay a while. These give much green where much comes, or to all alike,
+    so that even there a long red tells that few come. A part of them neglects some phases instead,
+    whatever comes: phases at random that stay a while and of which some are seldom.
     """
 
-    def __init__(self, controller: Controller, unaware: BoolArray, seed: int) -> None:
-        """``unaware`` (N,); ``seed`` of who has which policy, and of the random phases."""
+    def __init__(
+        self, controller: Controller, unaware: BoolArray, seed: int, neglect: float = 0.0
+    ) -> None:
+        """``unaware`` (N,); ``seed`` of who has which policy, and of the random phases.
+
+        ``neglect`` is the share of those that neglect some phases.
+        """
         self._controller = controller
         self._unaware = unaware
         self._seed = seed
-        self._blind = (ExpectedQueue(SPREAD), FixedTime(), RandomPhases())
+        self._neglect = neglect
+        self._blind = (ExpectedQueue(SPREAD), FixedTime(), RandomPhases(), SkewedPhases())
 
     def reset(self, context: ControlContext) -> None:
         """Reset all."""
         for controller in (self._controller, *self._blind):
             controller.reset(context)
         self._random = stream(self._seed, "unaware-policies")
-        self._which = self._random.integers(len(self._blind), size=context.network.n)
+        last = len(self._blind) - 1
+        some = self._random.integers(last, size=context.network.n)
+        neglects = stream(self._seed, "neglect").random(context.network.n) < self._neglect
+        self._which = np.where(neglects, last, some)
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): each intersection's own policy."""
         phases = self._controller.decide(observation)
         blind = [controller.decide(observation) for controller in self._blind]
         stay = (self._random.random(len(phases)) < STAY) & (observation.phase >= 0)
-        blind[-1] = np.where(stay, observation.phase, blind[-1])
+        for k in AT_RANDOM:
+            blind[k] = np.where(stay, observation.phase, blind[k])
         return np.where(self._unaware, np.choose(self._which, blind), phases).astype(np.int64)
 
 
