@@ -15,8 +15,8 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from tsc_missing.errors import UserError, nearest
 
-INPUTS = "inputs.json"  # what a training or a dataset is begun with, written first
-TEMPORARY = re.compile(r"\..+\.\d+")  # the name that ``replace_file`` gives what is not whole yet
+# The name that ``replace_file`` gives what is not whole yet, of the files that come first.
+TEMPORARY = re.compile(r"\.(checkpoint\.safetensors|plan\.json|settings\.json)\.\d+")
 
 T = TypeVar("T")
 
@@ -101,7 +101,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises ``OSError`` where it cannot be written; nothing half-written stays behind.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")  # TEMPORARY
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         temporary.write_bytes(content)
         sync(temporary)
@@ -158,7 +158,7 @@ def check_new_training(folder: Path) -> None:
 def is_barely_begun(folder: Path) -> bool:
     """Whether a folder has nothing but what a kill leaves of the first moment; that goes away."""
     left = [path for path in folder.rglob("*") if not path.is_dir()]
-    if not all(path.name == INPUTS or TEMPORARY.fullmatch(path.name) for path in left):
+    if not all(TEMPORARY.fullmatch(path.name) for path in left):
         return False
     for path in left:
         path.unlink(missing_ok=True)

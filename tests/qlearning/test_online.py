@@ -111,8 +111,7 @@ def test_killed_while_data_are_read(small_net, tmp_path, monkeypatch):
 def test_killed_before_anything_was_saved(small_net, tmp_path):
     folder = tmp_path / "t"
     (folder / EPISODES).mkdir(parents=True)
-    for name in ("inputs.json", ".checkpoint.safetensors.123"):
-        (folder / name).write_text("{}")
+    (folder / ".checkpoint.safetensors.123").write_text("{}")
     with pytest.raises(UserError, match="without --resume one begins"):
         QTraining(settings(small_net), folder, resume=True)
     QTraining(settings(small_net), folder)

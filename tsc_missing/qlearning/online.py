@@ -129,10 +129,10 @@ class QTraining:
     ) -> Path | None:
         """Learn to the last round; returns the weights' file, or None where ``stop`` was true."""
         (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
-        write_inputs(self.folder, self._inputs)
         new = self.round == 0 and self.learner.done == 0
         if new:  # something to go on from, before what may take minutes
             save_learner(self.folder, self.settings, self.learner, 0)
+        write_inputs(self.folder, self._inputs)
         self._load()
         if new:
             self._learn(self.settings.before, "before")

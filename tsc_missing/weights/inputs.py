@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import INPUTS, read_json, replace_file
+from tsc_missing.files import read_json, replace_file
+
+INPUTS = "inputs.json"
 
 
 def write_inputs(folder: Path, inputs: Mapping[str, str]) -> None:
