@@ -53,7 +53,7 @@ def test_weights_say_where_they_come_from(name):
     baseline = max((b for b in BASELINES if name.startswith(f"{b}-")), key=len, default=None)
     strict = name.startswith(("strict-", "paper-"))  # learned from a recorded flow, with holes
     kind = "q-network"
-    if baseline or strict or name == "universal":
+    if baseline or strict or name.startswith("universal"):
         kind = "baseline" if baseline else "difflight"
     manifest, tensors = read_tensors(path, kind)
     assert tensors
@@ -62,7 +62,12 @@ def test_weights_say_where_they_come_from(name):
         assert manifest["algorithm"] == baseline
         assert manifest["data"]["sources"].keys() == {name.removeprefix(f"{baseline}-")}
         return
-    sources = manifest["data"]["sources"] if kind == "difflight" else manifest["sources"]
+    data = manifest["data"] if kind == "difflight" else manifest
+    sources = data.get("sources") or {
+        f"{net} of {number}": files
+        for number, part in enumerate(data["joined"])
+        for net, files in part["sources"].items()
+    }
     if strict:
         assert list(sources) == [name.split("-")[1]]
         assert not manifest["data"]["complete"]
