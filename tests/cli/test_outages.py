@@ -100,13 +100,13 @@ def test_which_sensors_are_missed_most(command, small_net):
     done = command("batch", *batch)
     assert done.returncode == 0, done.stderr
     runs = command.cwd / "s" / "runs"
-    network, _, costs = _costs(read_results([runs]), "small", "max-queue", "att_all")
+    folder, _, costs = _costs(read_results([runs]), "small", "max-queue", "att_all")
 
     def att(case):
         run = json.loads((runs / "runs" / f"small-{case}-max-queue-seed0" / "run.json").read_text())
         return run["result"]["att_all"]
 
-    assert costs == pytest.approx([att(name) / att("none") - 1 for name in network.ids])
+    assert costs == pytest.approx([att(name) / att("none") - 1 for name in folder.network.ids])
     assert len({*costs}) > 1
     done = command("report", "s/runs", "--out", "r")
     assert done.returncode == 0, done.stderr
@@ -115,7 +115,7 @@ def test_which_sensors_are_missed_most(command, small_net):
     losses = report.partition("## What each loss costs")[2].partition("\n## ")[0]
     shown = re.findall(r"^\| (\S+) \| ([+−][\d.]+) % \|$", losses, re.MULTILINE)
     order = np.argsort(-costs, kind="stable")
-    assert [name.replace("\\", "") for name, _ in shown] == [network.ids[n] for n in order]
+    assert [name.replace("\\", "") for name, _ in shown] == [folder.network.ids[n] for n in order]
     assert shown[0][1] == f"+{100 * costs.max():.1f}"
     check_refusal(command, "net", "outages", small_net, *wanted, words=["--out: s ", "not exist"])
 
