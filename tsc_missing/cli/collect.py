@@ -7,7 +7,7 @@ import typer
 from pydantic import ValidationError
 
 from tsc_missing.cli.common import FINISHED_KEPT, INTERRUPTED, make_app, messages, run_app
-from tsc_missing.cli.options import missing_rate, option_error
+from tsc_missing.cli.options import AdjacentOption, MeanOutageOption, missing_rate, option_error
 from tsc_missing.network.folder import bundled_profiles
 from tsc_missing.offline.dataset import EPISODES, Dataset
 from tsc_missing.offline.plan import CollectSettings
@@ -83,12 +83,8 @@ def collect(
     rate: Annotated[
         float | None, typer.Option(help="Share of the log that is missing, 0 to 1.")
     ] = None,
-    adjacent: Annotated[
-        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
-    ] = DEFAULT.missing.adjacent,
-    mean_outage: Annotated[
-        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
-    ] = DEFAULT.missing.mean_outage,
+    adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     horizon: Annotated[int, typer.Option(help="Simulated seconds of an episode.")] = (
         DEFAULT.horizon
     ),

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tsc_missing.cli.options import NetArgument, make_settings, missing_rate
+from tsc_missing.cli.options import (
+    AdjacentOption,
+    MeanOutageOption,
+    NetArgument,
+    make_settings,
+    missing_rate,
+)
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 
@@ -28,12 +34,8 @@ def show(
     rate: Annotated[
         float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
     ] = None,
-    adjacent: Annotated[
-        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
-    ] = DEFAULT.missing.adjacent,
-    mean_outage: Annotated[
-        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
-    ] = DEFAULT.missing.mean_outage,
+    adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     mask: Annotated[
         Path | None,
         typer.Option(help="Show the missing sensors of this mask.npz or CSV of outages."),

@@ -17,6 +17,13 @@ NetArgument = Annotated[
     ),
 ]
 
+AdjacentOption = Annotated[
+    bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
+]
+MeanOutageOption = Annotated[
+    float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
+]
+
 OPTION_OF = {
     "pattern": "missing",
     "file": "mask",

@@ -11,7 +11,13 @@ from typing import Annotated
 import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
-from tsc_missing.cli.options import check_replay, make_settings, missing_rate
+from tsc_missing.cli.options import (
+    AdjacentOption,
+    MeanOutageOption,
+    check_replay,
+    make_settings,
+    missing_rate,
+)
 from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
@@ -95,12 +101,8 @@ def run(
     rate: Annotated[
         float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
     ] = None,
-    adjacent: Annotated[
-        bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
-    ] = DEFAULT.missing.adjacent,
-    mean_outage: Annotated[
-        float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
-    ] = DEFAULT.missing.mean_outage,
+    adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     mask: Annotated[
         Path | None,
         typer.Option(help="What is missing: the mask.npz of another run, or a CSV of outages."),
