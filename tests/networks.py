@@ -98,6 +98,7 @@ def context_for(network: Network, seed: int = 0) -> ControlContext:
         sensors=np.ones(shape, dtype=bool),
         decision_interval=15.0,
         lost_time=5.0,
+        min_steps=np.ones(network.n, dtype=np.int64),
         seed=seed,
     )
 

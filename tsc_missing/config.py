@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from tsc_missing.network.records import IntersectionRecord
 
@@ -115,17 +115,29 @@ class SignalSettings(Settings):
     max_red: int = Field(240, ge=0)  # 0: no bound; for controllers that decide on values
     min_space: int | None = Field(None, ge=0)  # [vehicles a lane] kept free between intersections;
     # 0: none; None: MIN_SPACE for DiffLight by values, else none
-    network_timing: bool = True  # where an intersection has its own yellow and min_green, those
+    network_timing: Literal["both", "yellow", "min_green", "none"] = "both"  # which of these
+    # two an intersection takes from its network, where that has them
+
+    @field_validator("network_timing", mode="before")
+    @classmethod
+    def _both_or_none(cls, value: Any) -> Any:
+        """True and false, as earlier versions wrote, are both and none."""
+        return {True: "both", False: "none"}[value] if isinstance(value, bool) else value
 
     def yellow_at(self, node: IntersectionRecord) -> int:
         """The yellow of an intersection [s]."""
-        own = node.yellow if self.network_timing else None
+        own = node.yellow if self.network_timing in ("both", "yellow") else None
         return self.yellow if own is None else own
 
     def min_green_at(self, node: IntersectionRecord) -> int:
         """The minimum green of an intersection [s]."""
-        own = node.min_green if self.network_timing else None
+        own = node.min_green if self.network_timing in ("both", "min_green") else None
         return self.min_green if own is None else own
+
+    def min_steps_at(self, node: IntersectionRecord) -> int:
+        """The decision steps that a phase lasts at least, with what is lost before its green."""
+        least = self.yellow_at(node) + self.all_red + self.min_green_at(node)
+        return max(1, -(-least // self.decision_interval)) if len(node.phases) > 1 else 1
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -138,7 +150,12 @@ class SensorSettings(Settings):
     """How a lane is measured: the whole of it, or its last ``length`` metres."""
 
     kind: Literal["lane", "area"] = "lane"
-    length: float = Field(AREA_LENGTH, gt=0)  # [m], for ``area``
+    length: float = Field(AREA_LENGTH, ge=2)  # [m], for ``area``; who stands is seen from 2 m on
+
+    @property
+    def reach(self) -> float | None:
+        """How far from the stop line a sensor sees [m]; None: all of its lane."""
+        return self.length if self.kind == "area" else None
 
     @model_validator(mode="after")
     def _measures_something(self) -> Self:

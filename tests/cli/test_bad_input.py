@@ -46,6 +46,7 @@ from tests.cli.refusals import refused
         (["--sensor", "radar"], ["--sensor", "radar", "area"]),
         (["--detector-length", "20"], ["--detector-length: 20", "--sensor area"]),
         (["--sensor", "area", "--detector-length", "-5"], ["--detector-length", "-5"]),
+        (["--sensor", "area", "--detector-length", "1.9"], ["--detector-length: 1.9", "2"]),
         (["--seed", "-1"], ["--seed", "-1"]),
         (["--demand", "recorded", "--net", "jinan_1"], ["jinan_1", "tsc-net import"]),
         (["--frobnicate"], ["--frobnicate"]),

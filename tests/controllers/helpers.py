@@ -132,7 +132,7 @@ def observe(
     )
 
 
-def context(network: Network, flows=None, sensors=None, interval=15.0) -> ControlContext:
+def context(network: Network, flows=None, sensors=None, interval=15.0, least=1) -> ControlContext:
     shape = network.slot_mask.shape
     return ControlContext(
         network=network,
@@ -140,6 +140,7 @@ def context(network: Network, flows=None, sensors=None, interval=15.0) -> Contro
         sensors=np.ones(shape, dtype=bool) if sensors is None else sensors,
         decision_interval=interval,
         lost_time=5.0,
+        min_steps=np.full(network.n, least),
         seed=1,
     )
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -212,3 +214,16 @@ def test_whatever_goes_in_legal_phases_come_out(answer, holes, step):
     assert NETWORK.phase_mask[[A, B], phases].all()
     assert (phases >= 0).all()
     assert (controller.fallback_steps == 0) == (controller.last_error == "")
+
+
+@pytest.mark.parametrize("answer", [RuntimeError("lost"), np.array([-1, -1])])
+def test_the_fallback_too_ends_a_red_where_a_sensor_is_silent(answer):
+    holes = np.zeros((2, 12), dtype=bool)
+    holes[A, slot("N-straight")] = True
+    red = np.zeros((2, 12), dtype=np.int64)
+    red[A, slot("N-straight")] = 8
+    observation = replace(with_holes(observe(NETWORK, queue=QUEUES), holes), red_steps=red)
+    for max_red, phases in ((0, FALLBACK), (135, FALLBACK), (134, [1, 2])):
+        controller = Safe(Scripted(answer), 1.0, max_red=max_red)
+        controller.reset(context(NETWORK))
+        assert controller.decide(observation).tolist() == phases

@@ -1,7 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.controllers.helpers import A, B, context, cross_and_tee, observe, slot
+from tsc_missing.config import SignalSettings
 from tsc_missing.controllers.fixed_time import (
     SATURATION_FLOW,
     FixedTime,
@@ -13,6 +18,7 @@ from tsc_missing.controllers.fixed_time import (
     webster_plan,
 )
 from tsc_missing.network.model import Network
+from tsc_missing.simulation.signals import Signals
 
 FLOWS = {
     (A, "E-straight"): 0.3 * SATURATION_FLOW,
@@ -151,3 +157,37 @@ def test_lanes_for_buses_carry_no_cars(network):
         record = network.record.model_copy(update={"lanes": lanes})
         ratios = slot_flow_ratios(Network("buses", record), flows)
         assert ratios[n, k] == pytest.approx(share)
+
+
+@given(
+    yellow=st.integers(1, 6),
+    all_red=st.integers(0, 3),
+    green=st.integers(1, 20),
+    min_green=st.integers(0, 45),
+    controller=st.sampled_from([FixedTime(), PlainCycle(15), PlainCycle(30)]),
+)
+@settings(max_examples=60, deadline=None)
+def test_no_phase_of_a_plan_waits_for_the_minimum_green(
+    yellow, all_red, green, min_green, controller
+):
+    interval = yellow + all_red + green
+    timing = SignalSettings(
+        decision_interval=interval, yellow=yellow, all_red=all_red, min_green=min_green
+    )
+    network = cross_and_tee()
+    least = {timing.min_steps_at(node) for node in network.intersections}
+    assert len(least) == 1
+    known = context(network, flows=FLOWS, interval=float(interval), least=least.pop())
+    controller.reset(replace(known, lost_time=float(yellow + all_red)))
+    signals = Signals(network, timing, lambda light, state: None)
+    shown = []
+    for step in range(60):
+        phases = controller.decide(observe(network, step=step))
+        if signals.command(phases, step * interval):
+            if all_red:
+                signals.clear(step * interval + yellow)
+            signals.release(step * interval + yellow + all_red)
+        shown.append(signals.phase.copy())
+    assert signals.held == 0
+    for n, mask in enumerate(network.phase_mask):
+        assert {phases[n] for phases in shown} == set(np.flatnonzero(mask))

@@ -16,6 +16,7 @@ from tests.controllers.helpers import (
 )
 from tests.networks import grid_network, tee_network
 from tsc_missing.controllers.blind import Blind
+from tsc_missing.controllers.fixed_time import Cycle
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import make_controller
 from tsc_missing.offline.log import red_steps_of
@@ -98,8 +99,14 @@ def test_no_red_lasts_longer_whatever_the_controller_says(build, max_red, seed):
     assert red[:, there & ~network.free_slots].max() <= most
 
 
-def test_controllers_that_decide_on_values_have_it_and_plans_do_not():
+def test_controllers_have_it_and_plans_do_not():
     bounded = make_controller("max-queue", "last", "fixed-time", max_red=240)
     assert isinstance(bounded, Blind)
     assert isinstance(bounded.controller, MaxRed)
-    assert not isinstance(make_controller("fixed-time", "last", "none", max_red=240), MaxRed)
+    for name in ("random", "expected-queue"):
+        assert isinstance(make_controller(name, "last", "none", max_red=240), MaxRed)
+    for name in ("fixed-time", "fixed-time-15"):
+        assert isinstance(make_controller(name, "last", "none", max_red=240), Cycle)
+    blind = make_controller("max-queue", "last", "expected-queue", max_red=240)
+    assert isinstance(blind, Blind)
+    assert isinstance(blind.cycle, MaxRed)

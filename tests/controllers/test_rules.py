@@ -1,10 +1,12 @@
 """The rules that need complete values, against examples by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.controllers.helpers import A, B, context, cross_and_tee, observe, slot, with_holes
-from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure
+from tsc_missing.controllers.advanced_max_pressure import AdvancedMaxPressure, share_in_reach
 from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.scores import best_phases, downstream_mean, phase_scores
@@ -147,3 +149,27 @@ def test_advanced_max_pressure_uses_means_over_lanes(network):
 def test_advanced_max_pressure_subtracts_queues_behind_the_intersection(network):
     queue = {(A, "W-straight"): 3, (A, "N-straight"): 2, (B, "W-right"): 6}  # 3 - 6/3 < 2
     assert decide(AdvancedMaxPressure(), network, queue=queue, vehicles=queue)[A] == 1
+
+
+def test_what_a_short_detector_counts_is_within_reach(network):
+    whole = share_in_reach(network, 15.0)
+    assert (whole[network.slot_mask] > 0).all()
+    short = share_in_reach(network, 15.0, 50.0)
+    assert (short[network.slot_mask] == 1).all()
+    np.testing.assert_array_equal(share_in_reach(network, 15.0, 1e4), whole)
+    reach = network.record.lanes[network.slot_lanes[A][slot("E-straight")][0]].speed * 2
+    assert share_in_reach(network, 2.0, 50.0)[A, slot("E-straight")] == pytest.approx(reach / 50)
+
+
+def test_advanced_max_pressure_counts_all_that_a_short_detector_sees(network):
+    near = replace(context(network, interval=2.0), detector_length=20.0)
+    far = replace(near, detector_length=None)
+    seen = observe(
+        network, vehicles={(A, "E-straight"): 4}, queue={(A, "N-straight"): 3}, phase=[0, 0]
+    )
+    chosen = []
+    for known in (near, far):
+        controller = AdvancedMaxPressure()
+        controller.reset(known)
+        chosen.append(controller.decide(seen)[A])
+    assert chosen == [0, 1]

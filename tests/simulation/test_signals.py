@@ -194,6 +194,11 @@ def test_every_intersection_keeps_its_own_yellow():
     own = first.model_copy(update={"yellow": 3, "min_green": 7})
     record = NETWORK.record.model_copy(update={"intersections": (own, *others)})
     recorder = Recorder()
+    for timing, times in {"both": (3, 7), "yellow": (3, 10), "min_green": (5, 7)}.items():
+        found = SignalSettings(network_timing=timing)
+        assert (found.yellow_at(own), found.min_green_at(own)) == times
+    for timing, written in {"both": True, "none": False}.items():  # by earlier versions
+        assert SignalSettings(network_timing=written) == SignalSettings(network_timing=timing)
     signals = Signals(Network("own", record), SignalSettings(all_red=1), recorder.send)
     for step, wanted in enumerate([0, 1]):
         now = recorder.now = 15.0 * step

@@ -33,7 +33,7 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    more = (_native, _unused, _other_interval, _fallback, _observed_in_the_log)
+    more = (_native, _unused, _other_interval, _other_sensors, _fallback, _observed_in_the_log)
     for warning in [*warnings(result), *chain(*(tell(prepared) for tell in more))]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
@@ -74,6 +74,12 @@ def _other_interval(prepared: Prepared) -> list[str]:
     if settings.signals.decision_interval == usual or not weights_of(settings):
         return []
     return [f"the weights learned from decisions every {usual} s"]
+
+
+def _other_sensors(prepared: Prepared) -> list[str]:
+    if prepared.settings.sensor.kind == "lane" or not weights_of(prepared.settings):
+        return []
+    return ["the weights learned from sensors that cover whole lanes"]
 
 
 def _fallback(prepared: Prepared) -> list[str]:

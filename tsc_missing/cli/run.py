@@ -194,7 +194,7 @@ def run(
             "min_green": DEFAULT.signals.min_green if min_green is None else min_green,
             "max_red": max_red,
             "min_space": min_space,
-            "network_timing": yellow is None and min_green is None,
+            "network_timing": _network_timing(yellow, min_green),
         },
         seed=seed,
         mask_seed=mask_seed,
@@ -210,6 +210,13 @@ def run(
         sys.stdout.write("\n")
     else:
         _print_result(prepared, result, folder)
+
+
+def _network_timing(yellow: int | None, min_green: int | None) -> str:
+    """Which of the two come from the network: those that were not given."""
+    if yellow is None and min_green is None:
+        return "both"
+    return "min_green" if min_green is None else "yellow" if yellow is None else "none"
 
 
 @contextlib.contextmanager

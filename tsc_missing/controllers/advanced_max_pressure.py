@@ -1,10 +1,13 @@
 """Advanced max-pressure: keep the green while enough vehicles are about to use it."""
 
+import math
+
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.scores import best_phases, downstream_mean, phase_scores
 from tsc_missing.network.model import FloatArray, IntArray, Network
+from tsc_missing.network.records import LaneRecord
 from tsc_missing.sensing.observation import QUEUE, VEHICLES, Observation
 
 NAME = "advanced-max-pressure"
@@ -22,16 +25,18 @@ class AdvancedMaxPressure(Controller):
     current phase stays if the sum of its movements' demand is at least the largest sum of
     pressures of any phase (the method's weight of 1); else the phase with the largest follows.
 
-    Whole lanes are counted, and vehicles = queueing + running; where along the lane a vehicle runs
-    is not known. The running ones count as spread evenly: demand = running * min(1, reach /
-    length). Exit lanes that lead to no signal have no queue. Needs complete values; ``decide``
-    raises ``ValueError`` on a hole.
+    Vehicles = queueing + running; where along the part that its sensor covers a vehicle runs is not
+    known. The running ones count as spread evenly: demand = running * min(1, reach / length), where
+    length is that of the lane, or of a shorter detector. Exit lanes that lead to no signal have no
+    queue. Needs complete values; ``decide`` raises ``ValueError`` on a hole.
     """
 
     def reset(self, context: ControlContext) -> None:
         """Take the network and how much of each slot's lanes is within reach."""
         self._network = context.network
-        self._in_reach = share_in_reach(context.network, context.decision_interval)
+        self._in_reach = share_in_reach(
+            context.network, context.decision_interval, context.detector_length
+        )
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the current phase where its demand is enough, else that of largest pressure."""
@@ -49,17 +54,22 @@ class AdvancedMaxPressure(Controller):
         return np.where(kept >= pressure.max(axis=1), current, best)
 
 
-def share_in_reach(network: Network, interval: float) -> FloatArray:
-    """(N, 12): the part of the slot's lanes that a free vehicle passes within ``interval`` [s]."""
+def share_in_reach(
+    network: Network, interval: float, detector_length: float | None = None
+) -> FloatArray:
+    """(N, 12): the part of what a slot's sensors cover that a free vehicle passes in ``interval``.
+
+    ``interval`` [s]; ``detector_length`` [m], None where whole lanes are covered.
+    """
+    longest = math.inf if detector_length is None else detector_length
+
+    def share(lane: LaneRecord) -> float:
+        return min(1.0, lane.speed * interval / min(lane.length, longest))
+
     lanes = network.record.lanes
     return np.array(
         [
-            [
-                np.mean([min(1.0, lanes[k].speed * interval / lanes[k].length) for k in slot])
-                if slot
-                else 0.0
-                for slot in slots
-            ]
+            [np.mean([share(lanes[k]) for k in slot]) if slot else 0.0 for slot in slots]
             for slots in network.slot_lanes
         ]
     )

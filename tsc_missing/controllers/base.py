@@ -13,7 +13,8 @@ class ControlContext:
     """What is known before the first step.
 
     ``turning_flows`` are the vehicles per hour that want to use each slot, as from a turning
-    count; ``sensors`` is the inventory: which slots have a sensor that ever reports.
+    count; ``sensors`` is the inventory: which slots have a sensor that ever reports. A phase that
+    ends before ``min_steps`` is held, so that another one is late or, in a cycle, left out.
     """
 
     network: Network
@@ -21,8 +22,10 @@ class ControlContext:
     sensors: BoolArray  # (N, 12)
     decision_interval: float  # [s]
     lost_time: float  # [s] yellow and all-red at a change of phase
+    min_steps: IntArray  # (N,) [decision steps] of a phase, its lost time and minimum green
     seed: int
     spacing: float = 7.5  # [m] of a lane that a standing vehicle takes, its gap included
+    detector_length: float | None = None  # [m] before the stop line; None: whole lanes
 
 
 class Controller(ABC):

@@ -10,6 +10,7 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_queue import MaxQueue
+from tsc_missing.controllers.max_red import bounded
 from tsc_missing.network.model import FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import N_FEATURES, Observation
@@ -32,13 +33,17 @@ class Safe(Controller):
         controller: Controller,
         deadline_s: float,
         clock: Callable[[], float] = time.perf_counter,
+        max_red: float = 0,
     ) -> None:
-        """``deadline_s`` [s] of wall time for a decision, measured by ``clock``."""
+        """``deadline_s`` [s] of wall time for a decision, measured by ``clock``.
+
+        The fallback's reds are bounded by ``max_red`` [s] if it is not 0.
+        """
         self.controller = controller
         self.fallback_steps = 0  # intersection-steps that the fallback answered
         self._deadline = deadline_s
         self._clock = clock
-        self._fallback = Fallback()
+        self._fallback = Fallback(max_red)
         self._errors: list[str] = []
         self._used = False
 
@@ -116,13 +121,13 @@ class Safe(Controller):
 class Fallback(Controller):
     """Max-queue on what is observed, the fixed-time plan where nothing is.
 
-    Slots that did not report count as empty. It remembers nothing from step to step, so it need
-    not be asked at every one.
+    Slots that did not report count as empty, but not for the maximum red of max-queue. It
+    remembers nothing from step to step, so it need not be asked at every one.
     """
 
-    def __init__(self) -> None:
-        """Compose the two rules."""
-        self._max_queue = MaxQueue()
+    def __init__(self, max_red: float = 0) -> None:
+        """Compose the two rules; ``max_red`` [s] as of ``bounded``."""
+        self._max_queue = bounded(MaxQueue(), max_red)
         self._cycle = FixedTime()
 
     def reset(self, context: ControlContext) -> None:

@@ -19,6 +19,8 @@ NO_FLOW = 1e-6  # flow ratio that counts as none
 class Cycle(Controller):
     """Repeats a plan of whole decision steps at each intersection, the phases in table order.
 
+    A phase takes at least the context's ``min_steps``: one that the minimum green held would take
+    the time of the next, in every cycle.
     The place in the cycle follows from the number of the step alone: phase 0 begins at step 0,
     and intersections with equal cycles stay in step whatever else ran in between.
     """
@@ -47,13 +49,13 @@ class PlainCycle(Cycle):
     """Every phase for the same time, yellow included."""
 
     def __init__(self, seconds: float) -> None:
-        """``seconds`` [s] a phase, rounded to whole decision steps, at least one."""
+        """``seconds`` [s] a phase, rounded to whole decision steps, at least ``min_steps``."""
         self._seconds = seconds
 
     def plan(self, context: ControlContext) -> IntArray:
-        """(N, P): the same number of steps for every phase."""
-        steps = max(1, round(self._seconds / context.decision_interval))
-        return np.where(context.network.phase_mask, steps, 0).astype(np.int64)
+        """(N, P): the same number of steps for every phase of an intersection."""
+        steps = np.maximum(context.min_steps, round(self._seconds / context.decision_interval))
+        return np.where(context.network.phase_mask, steps[:, None], 0).astype(np.int64)
 
 
 class FixedTime(Cycle):
@@ -64,17 +66,18 @@ class FixedTime(Cycle):
         C = (1.5 L + 5) / (1 - Y), kept within 60 s and 180 s
 
     and greens in proportion to y, so that all phases have the same degree of saturation
-    x = y C / green. Phases last whole decision steps, at least one, so the split is the one with
-    the smallest largest x; where that is above 0.9, which rounding alone can bring about, the
-    cycle is lengthened, by steps, to the first that stays below, or to the best there is.
+    x = y C / green. Phases last whole decision steps, at least ``min_steps``, so the split is the
+    one with the smallest largest x; where that is above 0.9, which rounding alone can bring about,
+    the cycle is lengthened, by steps, to the first that stays below, or to the best there is.
     """
 
     def plan(self, context: ControlContext) -> IntArray:
         """(N, P): the decision steps of each phase."""
         ratios = critical_ratios(context.network, context.turning_flows)
         plan = np.zeros(ratios.shape, dtype=np.int64)
-        for row, ratio, mask in zip(plan, ratios, context.network.phase_mask, strict=True):
-            row[mask] = webster_plan(ratio[mask], context.lost_time, context.decision_interval)
+        times = context.lost_time, context.decision_interval
+        for n, mask in enumerate(context.network.phase_mask):
+            plan[n, mask] = webster_plan(ratios[n, mask], *times, int(context.min_steps[n]))
         return plan
 
 
@@ -105,21 +108,22 @@ def critical_ratios(network: Network, flows: FloatArray) -> FloatArray:
     return critical
 
 
-def webster_plan(ratios: FloatArray, lost_time: float, interval: float) -> IntArray:
+def webster_plan(ratios: FloatArray, lost_time: float, interval: float, least: int = 1) -> IntArray:
     """(P,): steps of ``interval`` [s] for phases with these critical ratios at one intersection.
 
-    ``lost_time`` [s] is lost at every change of phase, so none where there is one phase.
+    ``lost_time`` [s] is lost at every change of phase, so none where there is one phase; each takes
+    at ``least`` so many steps.
     """
     lost = lost_time if len(ratios) > 1 else 0.0
     cycle = webster_cycle(float(ratios.sum()), lost * len(ratios))
-    shortest = max(len(ratios), math.floor(cycle / interval + 0.5))
+    shortest = max(len(ratios) * least, math.floor(cycle / interval + 0.5))
     longest = max(shortest, math.floor(CYCLE_MAX / interval))
-    best, least = np.ones(len(ratios), dtype=np.int64), math.inf
+    best, lowest = np.full(len(ratios), least), math.inf
     for total in range(shortest, longest + 1):
-        steps = split_steps(ratios, lost, interval, total)
+        steps = split_steps(ratios, lost, interval, total, least)
         saturation = float((ratios * total * interval / (steps * interval - lost)).max())
-        if saturation < least:
-            best, least = steps, saturation
+        if saturation < lowest:
+            best, lowest = steps, saturation
         if saturation <= PRACTICAL_SATURATION:
             break
     return best
@@ -132,15 +136,17 @@ def webster_cycle(total_ratio: float, lost: float) -> float:
     return min(max((1.5 * lost + 5.0) / (1.0 - total_ratio), CYCLE_MIN), CYCLE_MAX)
 
 
-def split_steps(ratios: FloatArray, lost: float, interval: float, total: int) -> IntArray:
+def split_steps(
+    ratios: FloatArray, lost: float, interval: float, total: int, least: int = 1
+) -> IntArray:
     """(P,): ``total`` steps so that the largest ratio of flow to green is as small as it can be.
 
-    One step each, then one by one to the phase that is worst off; ties go to the lowest phase,
-    and steps that no flow asks for are spread evenly.
+    The ``least`` number of steps each, then one by one to the phase that is worst off; ties go to
+    the lowest phase, and steps that no flow asks for are spread evenly.
     """
     asked = np.maximum(ratios, NO_FLOW)
-    steps = np.ones(len(ratios), dtype=np.int64)
-    for _ in range(total - len(ratios)):
+    steps = np.full(len(ratios), least)
+    for _ in range(total - steps.sum()):
         worst = asked / (steps * interval - lost)
         steps[np.argmax(worst.round(12))] += 1
     return steps

@@ -9,6 +9,11 @@ from tsc_missing.network.model import IntArray
 from tsc_missing.sensing.observation import VEHICLES, Observation
 
 
+def bounded(controller: Controller, max_red: float) -> Controller:
+    """The controller with a maximum red [s], or as it is where that is 0."""
+    return MaxRed(controller, max_red) if max_red else controller
+
+
 class MaxRed(Wrapper):
     """A controller that serves every movement in time, as maximum red does in signal controllers.
 

@@ -7,8 +7,9 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.controllers.fallback import legal_phases
 from tsc_missing.network.model import FloatArray, IntArray
+from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.own_code import make_own, named, set_apart
-from tsc_missing.sensing.observation import Observation
+from tsc_missing.sensing.observation import N_FEATURES, Observation
 
 FIELD = "controller"
 
@@ -41,7 +42,10 @@ class OwnController(Controller):
         return legal_phases(answer, self._network)
 
     def estimates(self) -> FloatArray | None:
-        """(N, 12, F): what it believes, if it says so."""
+        """(N, 12, F): what it believes, if it says so; raises where that has another shape."""
         with set_apart():
             found = self._inner.estimates()
+        shape = (self._network.n, N_SLOTS, N_FEATURES)
+        if found is not None and np.shape(found) != shape:
+            raise ValueError(f"estimates must have the shape {shape}, not {np.shape(found)}")
         return None if found is None else np.array(found, dtype=np.float64)

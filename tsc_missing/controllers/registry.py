@@ -20,8 +20,8 @@ from tsc_missing.controllers.catalogue import (
 from tsc_missing.controllers.difflight import DiffLight, is_guided
 from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion_of
 from tsc_missing.controllers.expected_queue import ExpectedQueue
-from tsc_missing.controllers.fixed_time import FixedTime
-from tsc_missing.controllers.max_red import MaxRed
+from tsc_missing.controllers.fixed_time import Cycle, FixedTime
+from tsc_missing.controllers.max_red import bounded
 from tsc_missing.controllers.own import OwnController
 from tsc_missing.controllers.resolved import (
     blind_rule,
@@ -40,12 +40,12 @@ from tsc_missing.weights.find import MAKES_VALUES, find_weights, packaged_weight
 
 LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
 
-BLIND: dict[str, Callable[[Controller], Controller]] = {
-    "none": lambda controller: controller,
-    "expected-queue": lambda controller: Blind(controller, ExpectedQueue()),
-    "fixed-time": lambda controller: Blind(controller, FixedTime()),
-    "familiar": lambda controller: Blind(controller, FixedTime(), LONG_SILENCE, familiar=True),
-    "clustered": lambda controller: Blind(
+BLIND: dict[str, Callable[[Controller, int], Controller]] = {  # of a controller and a maximum red
+    "none": lambda controller, _: controller,
+    "expected-queue": lambda controller, red: Blind(controller, bounded(ExpectedQueue(), red)),
+    "fixed-time": lambda controller, _: Blind(controller, FixedTime()),
+    "familiar": lambda controller, _: Blind(controller, FixedTime(), LONG_SILENCE, familiar=True),
+    "clustered": lambda controller, _: Blind(
         controller, FixedTime(), LONG_SILENCE, clustered=True, familiar=True
     ),
 }
@@ -64,8 +64,8 @@ def make_controller(
     """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
 
     Where it decides on values ``Spillback`` keeps ``min_space`` [vehicles a lane] free, and
-    ``MaxRed`` bounds its reds by ``max_red`` [s], which has the last word, each if it is not 0;
-    fixed plans are left as they are.
+    ``MaxRed`` bounds its reds by ``max_red`` [s], which has the last word, each if it is not 0.
+    Those that look at no values are bounded too; fixed plans are left as they are.
     The rule "auto" goes by the controller (``blind_rule``). An own controller, ``FILE.py:NAME``,
     that fills holes itself is bounded too: it is no fixed plan.
     ``q_weights`` are those of a learned policy, a name or a path; "auto" are packaged ones, of
@@ -86,8 +86,8 @@ def make_controller(
         words = f"{name} does not decide on filled values, so it would do nothing"
         raise UserError("imputer", imputer, words)
     elif name in CONTROLLERS:
-        return decides
-    return BLIND[blind](bounded(roomy(decides, min_space), max_red))
+        return decides if isinstance(decides, Cycle) else bounded(decides, max_red)
+    return BLIND[blind](bounded(roomy(decides, min_space), max_red), max_red)
 
 
 def _deciding(name: str, diffusion: DiffusionSettings, q_weights: str, net: str) -> Controller:
@@ -113,11 +113,6 @@ def controller_of(settings: RunSettings) -> Controller:
         settings.net,
         min_space_of(settings),
     )
-
-
-def bounded(controller: Controller, max_red: int) -> Controller:
-    """The controller with a maximum red [s], or as it is where that is 0."""
-    return MaxRed(controller, max_red) if max_red else controller
 
 
 def roomy(controller: Controller, min_space: int) -> Controller:

@@ -26,21 +26,21 @@ def trial_context(network: Network) -> ControlContext:
         sensors=sensors,
         decision_interval=INTERVAL,
         lost_time=LOST_TIME,
+        min_steps=np.ones(network.n, dtype=np.int64),
         seed=7,
     )
 
 
-def trial_world(context: ControlContext, hidden: int) -> Iterator[tuple[Measurement, BoolArray]]:
+def trial_world(context: ControlContext) -> Iterator[tuple[Measurement, BoolArray]]:
     """Truth and mask of each step; the middle third of the steps has no report at all."""
     slots = context.network.slot_mask
-    random, unseen = np.random.default_rng(1), np.random.default_rng([2, hidden])
+    random = np.random.default_rng(1)
     for step in range(STEPS):
         reported = context.sensors & (random.random(slots.shape) < 0.5)
         if STEPS // 3 <= step < 2 * STEPS // 3:
             reported = np.zeros_like(slots)
         mask = reported | ~slots
-        seen, under = (r.integers(0, 9, (*slots.shape, 3)) for r in (random, unseen))
-        counts = np.where(mask[:, :, None], seen, under) * slots[:, :, None] * 1.0
+        counts = random.integers(0, 9, (*slots.shape, 3)).astype(np.float64) * slots[:, :, None]
         counts[:, :, 0] += counts[:, :, 1]
         yield Measurement(values=counts[:, :, :N_FEATURES], exits=counts[:, :, N_FEATURES]), mask
 

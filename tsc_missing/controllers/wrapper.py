@@ -28,8 +28,14 @@ class Wrapper(Controller):
         return self.controller.plans()
 
     def believed_vehicles(self, observation: Observation) -> FloatArray:
-        """(N, 12): what was seen, else what the last decision was based on, else NaN."""
+        """(N, 12): what was seen, else what the last decision was based on, else NaN.
+
+        Estimates of an own controller that cannot be had are none; ``Safe`` says why.
+        """
         seen = observation.values[:, :, VEHICLES]
-        estimates = self.estimates()
+        try:
+            estimates = self.estimates()
+        except Exception:
+            estimates = None
         guess = np.full_like(seen, np.nan) if estimates is None else estimates[:, :, VEHICLES]
         return np.asarray(np.where(reported(observation), seen, guess))

@@ -5,8 +5,8 @@ and only the spatial one needs a transposed copy of its input.
 
 What is equal to the appendix but cheaper: the output projections of SSA and TSA are part of the
 first layer of the MLP that follows them; the last layer of the neighbours' embedding is part of
-their projection to keys and values; the diffusion step is not added to keys and values, where it
-would shift all logits of a query alike.
+their projection to keys and values. What is simpler than there: the diffusion step is not added to
+the neighbours, whose values it would shift all alike (keys it would not matter to).
 """
 
 import torch

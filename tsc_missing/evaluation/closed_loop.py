@@ -106,8 +106,10 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         sensors=np.any(scene.mask, axis=0),
         decision_interval=signals.decision_interval,
         lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,
+        min_steps=np.array([signals.min_steps_at(node) for node in scene.network.intersections]),
         seed=int(stream(settings.seed, "controller").integers(2**31)),
         spacing=settings.vehicle.spacing,
+        detector_length=settings.sensor.reach,
     )
 
 

@@ -75,7 +75,8 @@ def _controller(settings: RunSettings, scenario: Scenario) -> Controller | Nativ
     if settings.controller in NATIVE:
         return NativeProgram(settings.controller, scenario.folder.network)
     controller = controller_of(settings)
-    return Safe(controller, float(settings.signals.decision_interval))
+    signals = settings.signals
+    return Safe(controller, float(signals.decision_interval), max_red=signals.max_red)
 
 
 def execute(prepared: Prepared, watch: Watch | None = None) -> Result:

@@ -26,14 +26,22 @@ class OwnImputer(Imputer):
             self._inner.reset(copy.deepcopy(context))
 
     def fill(self, observation: Observation) -> Observation:
-        """Its answer; raises where that is no observation, or not what was reported."""
+        """The observation with its numbers; raises where what was reported is not there as it was.
+
+        And where that is no observation, or has other shapes, or a number that is not finite. Of
+        its answer only ``values`` and ``exits`` are taken.
+        """
         with set_apart():
             filled = self._inner.fill(observation.copy())
         if not isinstance(filled, Observation):
             raise TypeError(f"fill must return an Observation, not {type(filled).__name__}")
         for name in ("values", "exits"):
             before, after = getattr(observation, name), np.asarray(getattr(filled, name))
+            if after.shape != before.shape:
+                raise ValueError(f"{name} must have the shape {before.shape}, not {after.shape}")
+            if not np.isfinite(after).all():
+                raise ValueError(f"{name} must be finite everywhere")
             seen = np.isfinite(before)
-            if after.shape == before.shape and not np.array_equal(after[seen], before[seen]):
+            if not np.array_equal(after[seen], before[seen]):
                 raise ValueError(f"fill must leave the reported {name} as they are")
-        return filled
+        return observation.filled(np.array(filled.values), np.array(filled.exits))

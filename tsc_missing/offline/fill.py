@@ -36,6 +36,7 @@ def replay_context(network: Network, mask: BoolArray, seed: int) -> ControlConte
         sensors=np.asarray(mask.any(axis=0)),
         decision_interval=signals.decision_interval,
         lost_time=signals.yellow,
+        min_steps=np.ones(network.n, dtype=np.int64),
         seed=seed,
     )
 
