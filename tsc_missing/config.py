@@ -10,7 +10,7 @@ from tsc_missing.network.records import IntersectionRecord
 MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
 GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
 BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md),
-BLIND_STEPS = 10  # but not at intersections without a sensor
+BLIND_STEPS = 8  # but not at intersections without a sensor
 AREA_LENGTH = 50.0  # [m] (``SensorSettings.length``)
 MEAN_OUTAGE = 8.0  # [decision steps] (``MissingSettings.mean_outage``)
 SEEDS = 2**31  # seeds of runs are below it; from it on they are of the masks of logs

@@ -55,7 +55,7 @@ def test_the_default_settings_can_be_had():
 
 def test_what_the_default_settings_are_in_a_run():
     turns = ["lookahead", "lookahead-second", "lookahead-first"]
-    shipped = {"min_space": 9, "sampling_steps": [3, 10], "weights": ["universal", *turns]}
+    shipped = {"min_space": 9, "sampling_steps": [3, 8], "weights": ["universal", *turns]}
     assert resolved(DEFAULTS) == {"blind": "clustered", **shipped}
     given = RunSettings(q_weights="lookahead, mine")
     assert resolved(given)["weights"] == ["universal", "lookahead", "mine"]
@@ -66,7 +66,7 @@ def test_what_the_default_settings_are_in_a_run():
     assert resolved(rule) == {
         "blind": "none",
         "min_space": 0,
-        "sampling_steps": [3, 10],
+        "sampling_steps": [3, 8],
         "weights": [],
     }
 

@@ -15,7 +15,7 @@ from tsc_missing.weights.find import FOLDER, find_weights, packaged_weights
 
 GRID = grid_network(2, 3)
 GOLDEN = [
-    [3, 1, 1, 1, 2, 3],
+    [2, 1, 1, 1, 2, 3],
     [1, 2, 1, 0, 3, 0],
     [0, 2, 2, 1, 3, 0],
     [3, 2, 1, 2, 2, 0],
