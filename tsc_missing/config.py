@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tsc_missing.network.records import IntersectionRecord
 
@@ -115,14 +115,22 @@ class SignalSettings(Settings):
     max_red: int = Field(240, ge=0)  # 0: no bound; for controllers that decide on values
     min_space: int | None = Field(None, ge=0)  # [vehicles a lane] kept free between intersections;
     # 0: none; None: MIN_SPACE for DiffLight by values, else none
-    network_timing: Literal["both", "yellow", "min_green", "none"] = "both"  # which of these
-    # two an intersection takes from its network, where that has them
+    network_timing: Literal["both", "yellow", "min_green", "none"] = "both"  # which of these two
+    # an intersection takes from its network, where that has them; else those that are not given
 
-    @field_validator("network_timing", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _both_or_none(cls, value: Any) -> Any:
-        """True and false, as earlier versions wrote, are both and none."""
-        return {True: "both", False: "none"}[value] if isinstance(value, bool) else value
+    def _given_goes_first(cls, values: Any) -> Any:
+        """What is given is not the network's; true and false are of earlier versions."""
+        if not isinstance(values, dict):
+            return values
+        given = values.keys() & {"yellow", "min_green"}
+        told = values.get("network_timing")
+        if told is None and given:
+            told = "none" if len(given) == 2 else ({"yellow", "min_green"} - given).pop()
+        elif isinstance(told, bool):
+            told = "both" if told else "none"
+        return values if told is None else {**values, "network_timing": told}
 
     def yellow_at(self, node: IntersectionRecord) -> int:
         """The yellow of an intersection [s]."""
@@ -141,8 +149,14 @@ class SignalSettings(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if self.yellow + self.all_red >= self.decision_interval:
-            raise ValueError("yellow and all_red together must be shorter than decision_interval")
+        interval = self.decision_interval
+        if self.all_red >= interval:
+            raise ValueError(f"all_red must be shorter than a decision_interval, {interval} s")
+        if self.network_timing in ("min_green", "none") and self.yellow + self.all_red >= interval:
+            raise ValueError(
+                f"yellow and all_red, {self.yellow} + {self.all_red} s, must be shorter than a "
+                f"decision_interval, {interval} s"
+            )
         return self
 
 

@@ -138,4 +138,14 @@ def test_approaches_go_silent_one_by_one(command, small_net):
 def test_no_suite_for_what_reads_no_sensor(command, small_net, method):
     options = ("net", "outages", small_net, "--out", "sensors", "--method", method)
     check_refusal(command, *options, words=[f"--method: {method} is not allowed", "no sensor"])
+
+
+def test_no_suite_for_a_method_that_is_not_there(command, small_net):
+    options = ("net", "outages", small_net, "--out", "sensors", "--method", "max-queu")
+    words = ["--method: max-queu is not allowed", "did you mean max-queue?"]
+    check_refusal(command, *options, words=words)
+    assert not (command.cwd / "sensors").exists()
+    for method in ("DiffLight", "max-queue, diffusion", "advanced-colight"):  # of suites and others
+        options = ("net", "outages", small_net, "--out", method, "--method", method)
+        assert command(*options).returncode == 0
     assert not (command.cwd / "sensors").exists()

@@ -221,6 +221,8 @@ def test_programs_of_sumo_say_that_nothing_is_missing_for_them(command, small_ne
     done = command("run", *words, "--missing", "random", "--rate", "0.5")
     assert done.returncode == 0, done.stderr
     assert "warning: SUMO runs actuated itself, and it sees everything" in done.stdout
+    assert "actuated, everything observed, seed 0" in done.stdout
+    assert re.search(r"missing +0\.0 %", done.stdout)
     assert "warning" not in command("run", *words).stdout
 
 

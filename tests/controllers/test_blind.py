@@ -118,8 +118,8 @@ def chain(network):
     return order
 
 
-def test_clustered_is_any_blind_intersection_that_has_no_neighbours():
+def test_an_intersection_that_has_no_neighbours_is_not_of_the_learned_kind():
     network = grid_network(1, 1)
-    blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), clustered=True)
+    blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), familiar=True)
     blind.reset(context(network, sensors=~network.slot_mask))
     assert blind.decide(observe(network)).tolist() == [0]

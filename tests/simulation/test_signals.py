@@ -197,6 +197,14 @@ def test_every_intersection_keeps_its_own_yellow():
     for timing, times in {"both": (3, 7), "yellow": (3, 10), "min_green": (5, 7)}.items():
         found = SignalSettings(network_timing=timing)
         assert (found.yellow_at(own), found.min_green_at(own)) == times
+    for told, timing in (
+        ({"yellow": 4}, "min_green"),
+        ({"min_green": 9}, "yellow"),
+        ({"yellow": 4, "min_green": 9}, "none"),
+        ({"all_red": 1}, "both"),
+    ):
+        assert SignalSettings(**told).network_timing == timing
+        assert SignalSettings(**told, network_timing="both").network_timing == "both"
     for timing, written in {"both": True, "none": False}.items():  # by earlier versions
         assert SignalSettings(network_timing=written) == SignalSettings(network_timing=timing)
     signals = Signals(Network("own", record), SignalSettings(all_red=1), recorder.send)

@@ -23,6 +23,7 @@ from tsc_missing.network.folder import canonical
 from tsc_missing.paths import bundled
 
 FIELD = "suite"
+METHODS = bundled("scenarios") / "methods.toml"
 PAPER = bundled("scenarios") / "paper" / "results.csv"  # the numbers of the paper's tables
 LONGEST = 200  # characters of a run's name, which is that of files too
 FILE = ("missing", "file")  # looked for beside the suite, and then in the current folder
@@ -68,6 +69,11 @@ def bundled_suites() -> dict[str, Path]:
 
 
 @cache
+def bundled_methods() -> tuple[str, ...]:
+    """The names of methods that every suite knows beside those of controllers."""
+    return tuple(_load(METHODS))
+
+
 def paper_tables() -> tuple[str, ...]:
     """The names of the paper's tables whose numbers are bundled."""
     with PAPER.open(encoding="utf-8", newline="") as stream:
@@ -128,7 +134,7 @@ class _Reader:
         content = self._content
         self._known("top level", content, TOP)
         own = self._table("methods")
-        tables = {**_load(bundled("scenarios") / "methods.toml"), **own}
+        tables = {**_load(METHODS), **own}
         self._methods = {name: self._method(name, table) for name, table in tables.items()}
         blocks = content.get("runs")
         if not isinstance(blocks, list) or not blocks:

@@ -26,11 +26,17 @@ def outages(
             show_default=DEFAULT.controller,
         ),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from 0.")] = 3,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            min=1, help="How many seeds, from 0: of the bundled demand, and of what methods draw."
+        ),
+    ] = 3,
 ) -> None:
     """Write a suite that takes the sensors away one after the other: which is missed most?"""
     from tsc_missing.batch.outage_suite import SUITE, write_outage_suite
-    from tsc_missing.controllers.catalogue import looks_at_nothing
+    from tsc_missing.batch.suite import bundled_methods
+    from tsc_missing.controllers.catalogue import looks_at_nothing, require_controller
     from tsc_missing.evaluation.scenario import find_scenario
 
     scenario = find_scenario(net, DEFAULT.demand)
@@ -38,6 +44,11 @@ def outages(
     for name in methods:
         if looks_at_nothing(name):
             raise UserError("--method", name, "it reads no sensor, so it has none to miss")
+        if name not in bundled_methods():
+            try:
+                require_controller(name)
+            except UserError as error:
+                raise UserError("--method", name, error.allowed) from None
     horizon = round(scenario.folder.manifest.horizon or DEFAULT.horizon)
     block = {"method": methods, "net": net, "seed": list(range(seeds)), "horizon": horizon}
     names = write_outage_suite(scenario.folder.network, out, each == "approach", block)

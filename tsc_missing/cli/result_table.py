@@ -114,6 +114,8 @@ def heading(prepared: Prepared) -> str:
 
 def _missing_in_words(prepared: Prepared) -> str:
     missing = prepared.settings.missing
+    if prepared.settings.controller in NATIVE:
+        return "everything observed"
     if missing.file:
         return f"missing as in {missing.file}"
     if missing.pattern == "none":

@@ -189,12 +189,11 @@ def run(
         sensor={"kind": sensor, "length": detector_length},
         signals={
             "decision_interval": decision_interval,
-            "yellow": DEFAULT.signals.yellow if yellow is None else yellow,
             "all_red": all_red,
-            "min_green": DEFAULT.signals.min_green if min_green is None else min_green,
             "max_red": max_red,
             "min_space": min_space,
-            "network_timing": _network_timing(yellow, min_green),
+            **({} if yellow is None else {"yellow": yellow}),
+            **({} if min_green is None else {"min_green": min_green}),
         },
         seed=seed,
         mask_seed=mask_seed,
@@ -210,13 +209,6 @@ def run(
         sys.stdout.write("\n")
     else:
         _print_result(prepared, result, folder)
-
-
-def _network_timing(yellow: int | None, min_green: int | None) -> str:
-    """Which of the two come from the network: those that were not given."""
-    if yellow is None and min_green is None:
-        return "both"
-    return "min_green" if min_green is None else "yellow" if yellow is None else "none"
 
 
 @contextlib.contextmanager

@@ -17,8 +17,8 @@ class Blind(Wrapper):
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
     than ``stale_steps`` steps. All of them are left to the cycle; but with ``familiar`` only those
     unlike what the packaged weights learned on, with ``clustered`` only those where an adjacent
-    intersection is blind too, or that have none (else all around tells what may be there), and with
-    both those of either kind.
+    intersection is blind too (else all around tells what may be there), and with both those of
+    either kind.
 
     The cycle is asked at every step and keeps its own time, so that an outage enters the plan where
     it stands (plans of neighbours stay coordinated) and never begins it anew; the inner controller
@@ -64,15 +64,17 @@ class Blind(Wrapper):
         if self._familiar:
             left |= self._unlike
         if self._clustered:
-            left |= ~self._adjacent.any(axis=1) | (self._adjacent & blind).any(axis=1)
+            left |= (self._adjacent & blind).any(axis=1)
         return left
 
 
 def learned_kind(network: Network) -> BoolArray:
     """(N,): the intersections of the kind that the packaged diffusion weights learned on.
 
-    Those of the six datasets: traffic from four sides, and no movement that shares a lane.
+    Those of the six datasets: traffic from four sides, no movement that shares a lane, and an
+    adjacent intersection, whose sensors tell of it.
     """
     by_side = network.slot_mask.reshape(network.n, len(APPROACHES), len(TURNS))
     four_sides = np.all(by_side.any(axis=2), axis=1)
-    return np.asarray(four_sides & ~network.shares_lanes.any(axis=1))
+    alone = ~network.adjacency.any(axis=1)
+    return np.asarray(four_sides & ~network.shares_lanes.any(axis=1) & ~alone)

@@ -4,6 +4,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from tsc_missing.config import RunSettings, SignalSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.catalogue import NATIVE
@@ -54,21 +56,26 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     scenario = find_scenario(settings.net, settings.demand)
     check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
-    scene = scenario.scene(settings, mask_of(settings, scenario.folder.network))
+    mask = mask_of(settings, scenario.folder.network)
+    if isinstance(controller, NativeProgram):  # nothing is missing for SUMO
+        mask = np.ones_like(mask)
+    scene = scenario.scene(settings, mask)
     found = checksums(settings, scenario)
     return Prepared(settings, options, scenario, scene, controller, resolved(settings), found)
 
 
 def check_timing(signals: SignalSettings, network: Network) -> None:
-    """Raise ``UserError`` where an intersection's own yellow does not fit the decision interval."""
+    """Raise ``UserError`` where yellow and all-red do not fit into the decision interval."""
+    interval, all_red = signals.decision_interval, signals.all_red
     for node in network.intersections:
-        clearing = signals.yellow_at(node) + signals.all_red
-        if clearing >= signals.decision_interval:
-            raise UserError(
-                "decision-interval",
-                signals.decision_interval,
-                f"it must be longer than yellow and all-red, which take {clearing} s at {node.id}",
-            )
+        yellow = signals.yellow_at(node)
+        if yellow + all_red < interval:
+            continue
+        at = f"at {node.id}, where the yellow takes {yellow} s"
+        if all_red:
+            words = f"{at}, both must be shorter than the decision interval, {interval} s"
+            raise UserError("all-red", all_red, words)
+        raise UserError("decision-interval", interval, f"{at}, it must be longer than that")
 
 
 def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
