@@ -85,7 +85,8 @@ def test_lists_are_an_axis_of_a_suite(command, small_net, listed):
     words = ["mask: centre.csv", "give another --out"]
     check_refusal(command, "batch", *batch, words=words)
     listed.write_text("intersection\nnowhere\n")
-    check_refusal(command, "batch", "lists.toml", "--out", "c", words=["line 2", "nowhere"])
+    words = ["missing.file: ", "line 2", "nowhere", "in the run small-"]
+    check_refusal(command, "batch", "lists.toml", "--out", "c", words=words)
     assert not (command.cwd / "c").exists()
 
 

@@ -96,6 +96,17 @@ def _problem(run: RunSpec) -> UserError | None:
     return None
 
 
+def _check_mask(run: RunSpec, scenario: Scenario) -> None:
+    """Raise ``UserError`` where the run's mask cannot be had."""
+    try:
+        mask_of(run.settings, scenario.folder.network)
+    except UserError as error:
+        if not run.settings.missing.file:
+            raise
+        words = f"{error.allowed} (in the run {run.name})"
+        raise UserError("missing.file", error.value, words, error.verdict) from None
+
+
 def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
     """The scenario of every run by its name; ``UserError`` where a run could not start.
 
@@ -118,6 +129,6 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
             check_timing(settings.signals, scenario.folder.network)
         mask = (*where, settings.missing, settings.horizon, settings.signals.decision_interval)
         if mask not in seen:
-            mask_of(settings, scenario.folder.network)
+            _check_mask(run, scenario)
         seen |= {demand, timing, mask}
     return found
