@@ -15,10 +15,12 @@ def star(
     kind: str = "traffic_light",
     options: Sequence[str] = (),
     sidewalk: bool = False,
+    turning_back: bool = False,
 ) -> Path:
     """A net of two-way roads of 300 m that meet at a signal ``c``, given where they lie.
 
-    Road ``in_k`` comes from the k-th bearing [degrees], ``out_k`` goes there.
+    Road ``in_k`` comes from the k-th bearing [degrees], ``out_k`` goes there, from ``in_k`` only
+    with ``turning_back``.
     """
     counts = [lanes] * len(bearings) if isinstance(lanes, int) else lanes
     places = [(300 * math.sin(math.radians(b)), 300 * math.cos(math.radians(b))) for b in bearings]
@@ -38,7 +40,7 @@ def star(
         (folder / f"star.{suffix}.xml").write_text(f"<{root}>\n{body}\n</{root}>\n")
     target = folder / "star.net.xml"
     command = [sumo_tool("netconvert"), "-n", "star.nod.xml", "-e", "star.edg.xml"]
-    more = ["-o", target.name, "--no-turnarounds", *options]
+    more = ["-o", target.name, f"--no-turnarounds={str(not turning_back).lower()}", *options]
     subprocess.run([*command, *more], cwd=folder, check=True, capture_output=True)
     return target
 

@@ -13,7 +13,7 @@ from tsc_missing.network.grid import GridSpec, build_grid
 from tsc_missing.network.importing_sumo import _copy_net
 from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool, write_net
-from tsc_missing.network.slots import N_SLOTS, RIGHT, TURNS, slot_name
+from tsc_missing.network.slots import LEFT, N_SLOTS, RIGHT, TURNS, slot_name
 from tsc_missing.network.sumo import compile_sumo, open_net, yellow_for
 from tsc_missing.sensing.outage_list import read_outages
 from tsc_missing.sensing.patterns import draw_mask
@@ -190,6 +190,27 @@ def test_left_hand_traffic_is_the_mirror_image(tmp_path):
         state = green_state(node, p)
         waiting = {node.links[k].slot % len(TURNS) for k in phase.links if state[k] == "g"}
         assert waiting == {RIGHT}
+
+
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_turning_back_on_the_left_is_the_mirror_image_too(tmp_path, lanes):
+    """SUMO has another letter for it there."""
+    found = []
+    for options in ((), ("--lefthand",)):
+        net = star(tmp_path, CROSS, lanes, options=options, turning_back=True)
+        _, network = read(net)
+        assert_sound(network)
+        found.append(network.phases[0])
+        across = LEFT if not options else RIGHT
+        back = [link for link in network.intersections[0].links if link.to_lane == out_of(link)]
+        assert len(back) == 4
+        assert {link.slot % len(TURNS) for link in back} == {across}
+    assert (found[0] == found[1]).all()
+
+
+def out_of(link):
+    """The innermost lane of the road back to where a star's link comes from."""
+    return link.from_lane.replace("in", "out")
 
 
 def test_turns_that_the_net_never_stops_are_always_green(tmp_path):

@@ -15,8 +15,11 @@ from tsc_missing.network.slots import (
 )
 
 BACK = 30.0  # [m] of road before the stop line that give the direction traffic comes from
-TURN_OF_DIRECTION = {"l": LEFT, "L": LEFT, "s": STRAIGHT, "r": RIGHT, "R": RIGHT}
-U_TURN = "t"
+TURN_OF_DIRECTION = {
+    "l": LEFT, "L": LEFT, "s": STRAIGHT, "r": RIGHT, "R": RIGHT,
+    "t": LEFT, "T": RIGHT,
+}  # fmt: skip
+U_TURNS = ("t", "T")  # with traffic on the right, on the left
 NO_SIGNALS = ("rail_signal", "rail_crossing", "off")  # types of programs that are no signals
 STOPS = "ru"  # letters of SUMO's states with which a link may not be passed
 
@@ -161,7 +164,7 @@ def _turns(road: Any, left_hand: bool) -> dict[str, int]:
     """
     found = {c.getDirection() for cs in road.getOutgoing().values() for c in cs}
     turns = dict(TURN_OF_DIRECTION)
-    turns[U_TURN] = RIGHT if left_hand else LEFT
+    turns |= dict.fromkeys(U_TURNS, RIGHT if left_hand else LEFT)
     if "s" not in found:
         half = [name for name in ("L", "R") if name in found and name.lower() in found]
         turns.update(dict.fromkeys(half[:1], STRAIGHT))
@@ -177,6 +180,7 @@ def _link(
 ) -> Link:
     road, direction = connection.getFrom().getID(), connection.getDirection()
     turn = turns[road].get(direction, STRAIGHT)
+    turns_back = direction in U_TURNS
     place = int(connection.getTLLinkIndex())
     letters = {state[place] for state in program if place < len(state)}
     return Link(
@@ -186,8 +190,8 @@ def _link(
         slot=slot_index(approaches[road], turn),
         turn=turn,
         place=place,
-        turns_back=direction == U_TURN,
-        near=direction != U_TURN and turn == (LEFT if left_hand else RIGHT),
+        turns_back=turns_back,
+        near=not turns_back and turn == (LEFT if left_hand else RIGHT),
         stopped=not letters or bool(letters & set(STOPS)),
     )
 
