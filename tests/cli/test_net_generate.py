@@ -89,7 +89,15 @@ def test_check_in_words(command, small_net):
         (["--lanes", "r,s,l"], ["--lanes: r,s,l", "left to right"]),
         (["--turns", "1,1"], ["--turns: 1,1", "left,straight,right"]),
         (["--vehicles-per-hour", "0.1"], ["--vehicles-per-hour: 0.1", "none enters"]),
-        (["--rows", "1", "--columns", "1", "--remove", "0,1-1,1", "--remove", "1,0-1,1"], ["rows"]),
+        (
+            ["--rows", "1", "--columns", "1", "--remove", "0,1-1,1", "--remove", "1,0-1,1"],
+            ["--remove: 0,1-1,1 1,0-1,1", "three roads"],
+        ),
+        (
+            ["--rows", "2", "--columns", "2", "--remove-share", "0.9"],
+            ["--remove-share: 0.9", "three roads"],
+        ),
+        (["--lanes", "r"], ["--lanes: r", "right turns"]),
     ],
 )
 def test_bad_input(command, arguments, words):

@@ -202,13 +202,24 @@ def test_bad_routes(crossing, command, tmp_path):
     empty = write_routes(tmp_path / "empty.rou.xml")
     refused(command, *arguments, empty, words=["routes", "no vehicle, trip or flow"])
     cars = crossing / "cars.rou.xml"
-    refused(command, *arguments, cars, words=["routes", "departs from 0 s", "--begin"])
+    words = ["routes", "departs from 0 s", f"runs from {BEGIN - 60} s to 25300 s", "--begin"]
+    refused(command, *arguments, cars, words=words)
     refused(command, *arguments, crossing / "star.net.xml", words=["routes", "<net>"])
     refused(command, *arguments, "none.rou.xml", words=["routes", "none.rou.xml"])
     both = (cars, "--vehicles-per-hour", 100)
     refused(command, *arguments, *both, words=["vehicles-per-hour", "routes"])
     arguments = arguments[:-1]
     refused(command, *arguments, "--vehicles-per-hour", -5, words=["--vehicles-per-hour", "-5"])
+    words = ["--vehicles-per-hour: 0.001", "none enters in 3600 s"]
+    refused(command, *arguments, "--vehicles-per-hour", 0.001, words=words)
+
+
+def test_what_shapes_generated_demand_alone_is_refused(crossing, command):
+    arguments = ("net", "import", "--out", "x", "--sumo-net")
+    for given in ("star.net.xml", "all.sumocfg"):
+        for option, value in (("--through", "0.2"), ("--course", "peak")):
+            words = [f"{option}: {value}", "--vehicles-per-hour"]
+            refused(command, *arguments, crossing / given, option, value, words=words)
 
 
 def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, command):
@@ -228,6 +239,49 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     assert done.returncode == 0, done.stderr
     assert ", 1 vehicle\n" in done.stdout
     assert "5 vehicles, trips or flows name roads that the net lacks" in done.stdout
+
+
+def test_flows_that_began_before(crossing, command):
+    """Those of a probability too, with which duarouter would never come to an end."""
+    routes = write_routes(
+        crossing / "flows.rou.xml",
+        '<flow id="p" begin="6:30:00" end="7:30:00" probability="0.2" from="in_0" to="out_2"/>',
+        '<flow id="over" begin="0" end="7:00:00" probability="0.2" from="in_1" to="out_2"/>',
+        '<flow id="q" begin="60" period="6" number="10" from="in_1" to="out_3"/>',
+        '<flow id="r" end="7:01:00" period="6" from="in_1" to="out_3"/>',
+        '<trip id="t" depart="7:00:10" from="in_0" to="out_2"/>',
+    )
+    arguments = ("net", "import", "--sumo-net", crossing / "star.net.xml", "--routes", routes)
+    done = command(*arguments, "--begin", BEGIN, "--horizon", 1000, "--out", "cut")
+    assert done.returncode == 0, done.stderr
+    assert (
+        "note: flows: 4 in all, 2 left out, 1 cut; the demand given runs from 0 s to 27000 s, "
+        f"imported is what departs from {BEGIN} s to {BEGIN + 1000} s (--begin, --horizon)\n"
+    ) in done.stdout
+    root = ElementTree.parse(command.cwd / "cut" / "routes.rou.xml").getroot()
+    vehicles = [(v.get("id").split(".")[0], float(v.get("depart"))) for v in root.iter("vehicle")]
+    drawn = [depart for name, depart in vehicles if name == "p"]
+    assert len(drawn) == pytest.approx(200, abs=40)
+    assert BEGIN <= drawn[0] < drawn[-1] < BEGIN + 1000
+    assert [depart - BEGIN for name, depart in vehicles if name == "r"] == list(range(0, 60, 6))
+    assert len(vehicles) == len(drawn) + 10 + 1
+
+
+def test_a_begin_that_was_forgotten(crossing, command):
+    routes = write_routes(
+        crossing / "late.rou.xml",
+        '<trip id="a" depart="5" from="in_0" to="out_2"/>',
+        f'<flow id="f" begin="{BEGIN}" period="9" from="in_1" to="out_2"/>',
+    )
+    arguments = ("--sumo-net", crossing / "star.net.xml", "--routes", routes, "--out", "x")
+    done = command("net", "import", *arguments)
+    assert done.returncode == 0, done.stderr
+    words = "flows: 1 in all, 1 left out, 0 cut; the demand given runs from 5 s on"
+    assert words in done.stdout
+    assert "--begin" in done.stdout
+    write_routes(routes, f'<flow id="f" begin="{BEGIN}" period="9" from="in_1" to="out_2"/>')
+    words = ["no vehicle in it departs from 0 s on", f"runs from {BEGIN} s on", "--begin"]
+    refused(command, "net", "import", *arguments[:-1], "y", words=words)
 
 
 def test_packed_files_and_times_of_day(crossing, command, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tests.shared import CITYFLOW, needs_shared
@@ -153,7 +153,10 @@ def test_a_missing_file_is_named(tmp_path):
 )
 def test_roads_that_are_left_out_at_random_leave_no_dead_end(rows, columns, share, seed):
     grid = spec(rows=rows, columns=columns)
-    removed = read_removed(grid, (), share, seed)
+    try:
+        removed = read_removed(grid, (), share, seed)
+    except UserError:
+        assume(False)
     inner = [p for p in grid_roads(grid) if all(is_inside(grid, cell) for cell in p)]
     assert set(removed) <= set(inner)
     assert len(removed) <= round(share * len(inner))

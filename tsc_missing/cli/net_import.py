@@ -10,6 +10,7 @@ from tsc_missing.cli.net_target import find_target, say_written
 from tsc_missing.errors import UserError
 
 CITYFLOW_HORIZON = 3600
+COURSE, THROUGH = "constant", 0.5  # of generated demand, where not given
 
 
 def import_network(
@@ -44,11 +45,17 @@ def import_network(
         float | None, typer.Option(help="Generate so much demand, where there are no routes.")
     ] = None,
     course: Annotated[
-        str, typer.Option(help="Generated demand: constant, peak, ramp or gaussian over time.")
-    ] = "constant",
+        str | None,
+        typer.Option(
+            help=f"Generated demand: constant, peak, ramp or gaussian over time. Default: {COURSE}."
+        ),
+    ] = None,
     through: Annotated[
-        float, typer.Option(help="Generated demand: the share that only passes through.")
-    ] = 0.5,
+        float | None,
+        typer.Option(
+            help=f"Generated demand: the share that only passes through. Default: {THROUGH}."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of generated demand and random flows.")] = 0,
     as_name: Annotated[
         str | None, typer.Option("--as", help="A name to keep it under, for tsc-run --net NAME.")
@@ -81,7 +88,11 @@ def import_network(
         "--begin": begin,
         "--vehicles-per-hour": vehicles_per_hour,
     }
-    _refuse(chosen[0], only_sumo if roadnet is not None else {"--flow": flow})
+    foreign = only_sumo if roadnet is not None else {"--flow": flow}
+    _refuse(foreign, f"it cannot go with {chosen[0]}")
+    if vehicles_per_hour is None:
+        shape = {"--course": course, "--through": through}
+        _refuse(shape, "it shapes generated demand, which needs --vehicles-per-hour")
     target, name, field = find_target(as_name, out)
     if roadnet is not None:
         from tsc_missing.network.importing import import_cityflow
@@ -101,7 +112,11 @@ def import_network(
             begin=begin,
             horizon=horizon,
             all_phases=all_phases,
-            demand=demand_spec(vehicles_per_hour=vehicles_per_hour, course=course, through=through)
+            demand=demand_spec(
+                vehicles_per_hour=vehicles_per_hour,
+                course=course if course is not None else COURSE,
+                through=through if through is not None else THROUGH,
+            )
             if vehicles_per_hour is not None
             else None,
             seed=seed,
@@ -110,10 +125,10 @@ def import_network(
     say_written(manifest, target)
 
 
-def _refuse(chosen: str, others: dict[str, Any]) -> None:
-    for option, value in others.items():
+def _refuse(options: dict[str, Any], why: str) -> None:
+    for option, value in options.items():
         if value is not None and value != []:
-            raise UserError(option, value, f"it cannot go with {chosen}")
+            raise UserError(option, value, why)
 
 
 def demand_spec(**values: Any) -> Any:

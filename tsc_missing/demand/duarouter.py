@@ -1,11 +1,9 @@
 """SUMO demand of any kind (trips, flows, vehicles) as trips with routes, through ``duarouter``."""
 
-import dataclasses
 import math
 import re
 import subprocess
 import tempfile
-from collections import Counter
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +11,12 @@ from xml.etree import ElementTree
 
 import sumolib
 
+from tsc_missing.demand.given import NO_CARS, Given
 from tsc_missing.demand.sumo import read_routes
 from tsc_missing.demand.trips import NAMESAKE, VEHICLE_TYPE_ID, Demand
 from tsc_missing.errors import UserError
 from tsc_missing.network.netconvert import sumo_tool
-from tsc_missing.network.sumo_files import parse_xml, seconds_of
 
-NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
-TRAFFIC = ("vehicle", "trip", "flow")
-ORDER = ("vType", "vTypeDistribution", "route", "routeDistribution", *TRAFFIC)
 NO_EDGE = re.compile(r"not known|unknown", re.I)
 
 
@@ -42,7 +37,7 @@ def route_demand(
     Persons, containers and stops are left out. Raises ``UserError`` in the name of ``field`` for
     files that are none, or that are for another net.
     """
-    given = Given()
+    given = Given(begin, begin + horizon)
     for path in files:
         given.add(path, field)
     if not given.traffic:
@@ -57,77 +52,13 @@ def route_demand(
         unknown = [line for line in problems if NO_EDGE.search(line)]
         demand = _read(routed, begin, horizon)
         if demand is None or (unknown and len(unknown) >= len(demand.trips)):
-            raise _nothing(files[-1], field, problems, unknown, given, begin)
+            raise _nothing(files[-1], field, problems, unknown, given)
         kept = {e.get("id", "") for _, e in ElementTree.iterparse(routed) if e.tag == "vehicle"}
-    notes = _notes(given, kept, problems, begin, begin + horizon)
+    notes = _notes(given, kept, problems)
     if strangers:
         lost = f"{len(strangers)} vehicles, trips or flows name roads that the net lacks"
         notes.insert(0, f"{lost} and are left out, first {strangers[0]}")
     return Found(demand, tuple(notes))
-
-
-@dataclass
-class Given:
-    """What route files hold, with types before routes before traffic, sorted by departure."""
-
-    elements: list[ElementTree.Element] = dataclasses.field(default_factory=list)
-    counts: Counter[str] = dataclasses.field(default_factory=Counter)
-
-    def add(self, path: Path, field: str) -> None:
-        """Take in a file, without what is no car's."""
-        root = parse_xml(path, field)
-        if root.tag not in ("routes", "additional", "trips"):
-            raise UserError(field, path, f"it must be a SUMO route file, not one of <{root.tag}>")
-        self.counts.update(child.tag for child in root)
-        for child in root:
-            if child.tag in ORDER:
-                for stop in child.findall("stop"):
-                    self.counts["stop"] += 1
-                    child.remove(stop)
-                child.attrib.pop("arrival", None)
-                self.elements.append(child)
-
-    @property
-    def traffic(self) -> list[ElementTree.Element]:
-        """The vehicles, trips and flows."""
-        return [element for element in self.elements if element.tag in TRAFFIC]
-
-    def leave_out_strangers(self, roads: Set[str]) -> list[str]:
-        """Drop traffic that names roads of another net, which duarouter would cut off there.
-
-        Returns the first such road of each.
-        """
-        strange = {
-            element.get("id"): road
-            for element in self.elements
-            if element.tag == "route" and (road := _stranger(element, roads))
-        }
-        strange.pop(None, None)  # nobody can drive a route without a name
-        found, kept = [], []
-        for element in self.elements:
-            road = strange.get(element.get("route")) or _stranger(element, roads)
-            if element.tag in TRAFFIC and road:
-                found.append(road)
-            elif not (element.tag == "route" and road):
-                kept.append(element)
-        self.elements = kept
-        return found
-
-    def departures(self) -> dict[str, float]:
-        """When single vehicles depart [s], by id, as far as a time says so."""
-        return {
-            element.get("id", ""): _seconds(element)
-            for element in self.traffic
-            if element.tag != "flow"
-        }
-
-    def write(self, target: Path) -> None:
-        """Write all of it as one route file."""
-        root = ElementTree.Element("routes")
-        definitions = (e for e in self.elements if e.tag not in TRAFFIC)
-        root.extend(sorted(definitions, key=lambda e: ORDER.index(e.tag)))
-        root.extend(sorted(self.traffic, key=_seconds))
-        ElementTree.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
 
 
 def _roads(net: Path) -> Set[str]:
@@ -139,33 +70,6 @@ def _roads(net: Path) -> Set[str]:
                 found.add(element.get("id", ""))
                 element.clear()
     return found
-
-
-def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
-    """A road that the element names, or its route does, and that is none of these."""
-    own = element.find("route")
-    named = [element.get("from", ""), element.get("to", ""), *element.get("via", "").split()]
-    named += element.get("edges", "").split()
-    named += own.get("edges", "").split() if own is not None else []
-    return next((road for road in named if road and road not in roads), None)
-
-
-def _seconds(element: ElementTree.Element) -> float:
-    """The departure of a vehicle, or the begin of a flow [s]; 0 where it is no time."""
-    try:
-        return seconds_of(element.get("depart", element.get("begin", "0")))
-    except ValueError:
-        return 0.0
-
-
-def _ends(element: ElementTree.Element) -> float:
-    """When a flow ends, or the departure of a vehicle [s]; for ever where it does not say."""
-    if element.tag != "flow":
-        return _seconds(element)
-    try:
-        return seconds_of(element.get("end", "inf"))
-    except ValueError:
-        return math.inf
 
 
 def _duarouter(
@@ -217,23 +121,17 @@ def _without_clash(path: Path, demand: Demand, begin: float, horizon: float) -> 
 
 
 def _nothing(
-    path: Path,
-    field: str,
-    problems: Sequence[str],
-    unknown: Sequence[str],
-    given: Given,
-    begin: float,
+    path: Path, field: str, problems: Sequence[str], unknown: Sequence[str], given: Given
 ) -> UserError:
     if unknown:
         return UserError(field, path, f"it must be for this net, but: {_words(unknown[0])}")
-    first, last = min(map(_seconds, given.traffic)), max(map(_ends, given.traffic))
-    if problems and last >= begin:
+    if problems and given.any_wanted:
         return UserError(field, path, f"none of it can be routed: {_words(problems[0])}")
     return UserError(
         field,
         path,
-        f"no vehicle in it departs from {begin:g} s on within the horizon; the first departs at "
-        f"{first:g} s, the last at {last:g} s, see --begin",
+        f"no vehicle in it departs from {given.begin:g} s on within the horizon; its demand runs "
+        f"{given.span}, see --begin",
     )
 
 
@@ -241,10 +139,8 @@ def _words(line: str) -> str:
     return " ".join(line.removeprefix("Error:").removeprefix("Warning:").split()).rstrip(".;")
 
 
-def _notes(
-    given: Given, kept: set[str], problems: Sequence[str], begin: float, end: float
-) -> list[str]:
-    counts = given.counts
+def _notes(given: Given, kept: set[str], problems: Sequence[str]) -> list[str]:
+    begin, end, counts = given.begin, given.end, given.counts
     notes = [f"{counts[kind]} {kind} elements are left out" for kind in NO_CARS if counts[kind]]
     if counts["stop"]:
         notes.append(f"{counts['stop']} stops on the way (bus stops) are left out")
@@ -254,6 +150,7 @@ def _notes(
         notes.append(
             f"{outside} vehicles that depart before {begin:g} s or after {end:g} s are left out"
         )
+    notes += _flow_note(given)
     lost = [k for k, time in departures.items() if begin <= time < end and k not in kept]
     if lost:
         notes.append(
@@ -262,3 +159,17 @@ def _notes(
     if problems:
         notes.append(f"duarouter complained in {len(problems)} lines, first: {_words(problems[0])}")
     return notes
+
+
+def _flow_note(given: Given) -> list[str]:
+    """How many flows lie outside the time that is wanted or reach beyond it, if any."""
+    begin, end, flows = given.begin, given.end, given.flows()
+    inside = [(first, last) for first, last in flows if first < end and last > begin]
+    outside = len(flows) - len(inside)
+    cut = sum(first < begin or end < last < math.inf for first, last in inside)
+    if not outside + cut:
+        return []
+    return [
+        f"flows: {len(flows)} in all, {outside} left out, {cut} cut; the demand given runs "
+        f"{given.span}, imported is what departs from {begin:g} s to {end:g} s (--begin, --horizon)"
+    ]

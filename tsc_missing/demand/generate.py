@@ -16,14 +16,14 @@ from tsc_missing.demand.profile import DemandProfile, ExitShares, draw_demand, p
 from tsc_missing.demand.routing import FloatArray, RoadGraph, Turns
 from tsc_missing.demand.trips import Demand, Trip
 from tsc_missing.errors import UserError
-from tsc_missing.network.slots import LEFT, RIGHT, STRAIGHT
+from tsc_missing.network.slots import STRAIGHT
+from tsc_missing.network.sumo_links import TURN_OF_DIRECTION
 from tsc_missing.seeding import stream
 
 BIN = 300  # [s]
 INSIDE = 100  # roads inside a map, at most, that traffic starts from and goes to
 SPREAD = 1 / 6  # of the horizon: the standard deviation of the course gaussian
 BARELY = 1e-3  # weight of a turn that is only made where nothing else is possible
-TURN_OF = {"l": LEFT, "L": LEFT, "t": LEFT, "s": STRAIGHT, "r": RIGHT, "R": RIGHT}
 
 Course = Literal["constant", "peak", "ramp", "gaussian"]
 
@@ -96,6 +96,12 @@ def generate_on_grid(
     return Demand.of(trips)
 
 
+def too_few(spec: DemandSpec, horizon: float) -> UserError:
+    """The error for a demand of which no vehicle was drawn within ``horizon`` [s]."""
+    words = f"so few that none enters in {horizon:g} s; give more, or a longer --horizon"
+    return UserError("vehicles-per-hour", f"{spec.vehicles_per_hour:g}", words)
+
+
 def _profile(
     spec: DemandSpec,
     arrivals: dict[str, tuple[float, ...]],
@@ -143,7 +149,7 @@ def generate_through_net(
     """Trips through a map: from road to road, by the fastest ways of the empty network.
 
     Roads at the map's edge have weights by lanes and speed, roads inside by length. Raises
-    ``UserError`` where no road leads to another.
+    ``UserError`` where no road leads to another, or no vehicle is drawn.
     """
     roads = {edge.getID(): edge for edge in net.getEdges() if edge.allows("passenger")}
     turns = _turns(roads)
@@ -173,10 +179,12 @@ def generate_through_net(
             trips += draw_demand(profile, turns, drawn, share, horizon).trips
             for road, row in arrivals.items():
                 totals[road] = totals.get(road, np.zeros(len(row))) + share * np.array(row)
-    if not trips:
+    if not totals:
         raise UserError(
             "vehicles-per-hour", spec.vehicles_per_hour, "no road of the net leads to another"
         )
+    if not trips:
+        raise too_few(spec, horizon)
     speeds = {k: [lane.getSpeed() for lane in _car_lanes(roads[k])] for k in totals}
     arrivals = {road: row.tolist() for road, row in totals.items()}
     warnings = [f"warning: {w}" for w in entry_warnings(arrivals, speeds, VehicleType())]
@@ -195,7 +203,7 @@ def _car_lanes(edge: Any) -> list[Any]:
 def _turns(roads: Mapping[str, Any]) -> dict[str, dict[str, int]]:
     return {
         name: {
-            after.getID(): TURN_OF.get(connections[0].getDirection(), STRAIGHT)
+            after.getID(): TURN_OF_DIRECTION.get(connections[0].getDirection(), STRAIGHT)
             for after, connections in sorted(
                 edge.getOutgoing().items(), key=lambda item: str(item[0].getID())
             )

@@ -3,7 +3,7 @@
 import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from tsc_missing.demand.generate import (
     arrivals_by_road,
     entry_warnings,
     generate_on_grid,
+    too_few,
 )
 from tsc_missing.demand.profile import plain_turns
 from tsc_missing.demand.trips import write_routes
@@ -57,9 +58,8 @@ def generate_network(recipe: Recipe, target: Path, name: str, field: str) -> Man
     """
     plain = build_grid(recipe.grid)
     if not any(node.signalised for node in plain.nodes.values()):
-        raise UserError(
-            "rows", recipe.grid.rows, "no intersection keeps three roads, so no signals"
-        )
+        lanes = ",".join("".join(turn[0] for turn in lane) for lane in recipe.grid.lanes)
+        raise UserError("lanes", lanes, "right turns alone need no signals")
     entries = {
         road.id: float(len(road.lanes))
         for road in plain.roads.values()
@@ -69,8 +69,7 @@ def generate_network(recipe: Recipe, target: Path, name: str, field: str) -> Man
         plain_turns(plain), entries, recipe.demand, recipe.horizon, recipe.seed
     )
     if not demand.trips:
-        hourly = f"{recipe.demand.vehicles_per_hour:g}"
-        raise UserError("vehicles-per-hour", hourly, "so few that none enters in the horizon")
+        raise too_few(recipe.demand, recipe.horizon)
     with whole_folder(target, field) as folder:
         write_net(plain, folder / NET)
         source = open_net(folder / NET)
@@ -124,6 +123,7 @@ def read_removed(
     """Missing roads: those named as ``1,2-2,2`` (column,row), and a share of the inner ones.
 
     Of the drawn ones none leaves an intersection with fewer than two roads, so they may be fewer.
+    Raises ``UserError`` where no intersection keeps three, which signals need.
     """
     there = grid_roads(spec)
     removed = []
@@ -138,10 +138,17 @@ def read_removed(
         removed.append(pair)
     inner = [p for p in there if p not in removed and all(is_inside(spec, cell) for cell in p)]
     arms = Counter(cell for pair in there if pair not in removed for cell in pair)
+    _check_arms(arms, "remove", " ".join(pairs))
     left = round(share * len(inner))
     for k in stream(seed, "roads").permutation(len(inner)):
         if left and all(arms[cell] > 2 for cell in inner[k]):
             removed.append(inner[k])
             arms.subtract(inner[k])
             left -= 1
+    _check_arms(arms, "remove-share", share)
     return tuple(dict.fromkeys(removed))
+
+
+def _check_arms(arms: Mapping[Cell, int], field: str, value: object) -> None:
+    if max(arms.values(), default=0) < 3:
+        raise UserError(field, value, "no intersection keeps three roads, so no signals")
