@@ -24,8 +24,9 @@ class UserError(Exception):
 
 
 def nearest(value: str, known: Iterable[str]) -> str:
-    """Words that name the closest of ``known`` to ``value``, and then all of them."""
+    """Words that name the closest of ``known`` to ``value``, in any case, and then all of them."""
     names = sorted(known)
-    close = difflib.get_close_matches(value, names, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]}? " if close else ""
+    folded = {name.casefold(): name for name in names}
+    close = difflib.get_close_matches(value.casefold(), folded, n=1, cutoff=0.5)
+    hint = f"did you mean {folded[close[0]]}? " if close else ""
     return f"{hint}allowed: {', '.join(names)}"

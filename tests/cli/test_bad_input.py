@@ -14,6 +14,7 @@ from tests.cli.refusals import refused
     [
         (["--net", "jinann"], ["--net: jinann", "did you mean jinan"]),
         (["--net", "no/such/folder"], ["no/such/folder"]),
+        (["--net", "/proc/self"], ["--net: /proc/self is not", "no manifest.json"]),
         (["--controller", "max-queu"], ["--controller: max-queu", "did you mean max-queue?"]),
         (["--imputer", "sfn"], ["--imputer: sfn", "did you mean sfm?"]),
         (["--blind", "fixed"], ["--blind: fixed", "fixed-time"]),

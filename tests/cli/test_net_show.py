@@ -86,6 +86,26 @@ def test_a_network_without_demand(command, tmp_path):
     refused(command, "net", "show", tmp_path / "bare", "--demand", "recorded", words=words)
 
 
+def test_one_intersection_whose_demand_is_shorter(command):
+    shape = ("--rows", 1, "--columns", 1, "--horizon", 600)
+    done = command("net", "generate", *shape, "--out", "one")
+    assert done.returncode == 0, done.stderr
+    done = command("net", "show", "one")
+    assert done.returncode == 0, done.stderr
+    assert "vehicles in 600 s, generated" in done.stdout
+    assert "phases of 1 intersection\n" in done.stdout
+    assert show_json(command, "one", "--horizon", 300)["demand"]["horizon"] == 300
+    show_json(command, "one", "--out", "x.svg")
+    assert "1 intersection, 8 roads" in (command.cwd / "x.svg").read_text()
+
+
+def test_one_intersection_that_differs(command):
+    shape = ("--rows", 1, "--columns", 3, "--remove", "1,1-1,2")
+    done = command("net", "generate", *shape, "--out", "tee")
+    assert done.returncode == 0, done.stderr
+    assert "\n1 intersection has other phases (1 kind)\n" in command("net", "show", "tee").stdout
+
+
 def test_an_older_picture_is_replaced(command, small_net):
     (command.cwd / "x.png").write_text("old")
     show_json(command, small_net, "--out", "x.png")

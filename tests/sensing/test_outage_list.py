@@ -102,6 +102,7 @@ def test_what_spreadsheets_make_of_it(tmp_path, separator):
         ("intersection,begin,end\n{0},61,74", "with a decision every 15 s"),
         ("intersection\nnowhere", "line 2: no intersection nowhere"),
         ("intersection,slot\n{0},North", "line 2: no slot North"),
+        ("intersection,slot\n{0},n-left", "line 2: no slot n-left; did you mean N-left"),
         ("intersection,begin\n{0},1\n{0},soon", "line 3: at begin"),
         ("intersection,begin\n{0},-1", "line 2: at begin"),
         ("intersection,begin\n{0},nan", "line 2: at begin"),

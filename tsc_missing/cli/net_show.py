@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tsc_missing.cli.common import counted
 from tsc_missing.cli.options import (
     AdjacentOption,
     MeanOutageOption,
@@ -106,16 +107,16 @@ def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None)
 def caption(overview: "Overview") -> str:
     """What the picture shows, in a sentence."""
     summary = overview.summary
-    count = summary.network.intersections
+    intersections = counted(summary.network.intersections, "intersection")
     if summary.sensors is None:
-        return f"{count} intersections, {summary.network.roads} roads"
+        return f"{intersections}, {counted(summary.network.roads, 'road')}"
     sensors, blind = summary.sensors, len(summary.sensors.never_observed)
     counts = [
         *([f"{blind} never"] if blind or not sensors.partly_observed else []),
         *([f"{sensors.partly_observed} partly"] if sensors.partly_observed else []),
     ]
     return (
-        f"{sensors.source}: of {count} intersections {' and '.join(counts)} observed; "
+        f"{sensors.source}: of {intersections} {' and '.join(counts)} observed; "
         f"{100 * sensors.missing_share:.1f} % of readings missing"
     )
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from tsc_missing.cli.common import counted
 from tsc_missing.evaluation.overview import Summary
 from tsc_missing.network.summary import NetworkSummary, SensorSummary
 
@@ -17,11 +18,13 @@ def print_summary(summary: Summary, picture: Path) -> None:
     console.print(_table(rows(summary)))
     most_common = summary.network.signals[0]
     others = summary.network.intersections - most_common.intersections
-    console.print(f"\nphases of {most_common.intersections} intersections", markup=False)
+    alike = counted(most_common.intersections, "intersection")
+    console.print(f"\nphases of {alike}", markup=False)
     console.print(_table(phase_rows(summary.network)))
     if others:
-        kinds = len(summary.network.signals) - 1
-        console.print(f"{others} intersections have other phases ({kinds} kinds)", markup=False)
+        kinds = counted(len(summary.network.signals) - 1, "kind")
+        unlike = f"{counted(others, 'intersection')} {'has' if others == 1 else 'have'}"
+        console.print(f"{unlike} other phases ({kinds})", markup=False)
     console.print(f"\nwritten to {picture}", markup=False)
 
 

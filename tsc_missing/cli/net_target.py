@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tsc_missing.cli.common import counted
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.network.folder import Manifest, bundled_cities, canonical
@@ -30,8 +31,8 @@ def find_target(as_name: str | None, out: Path | None) -> tuple[Path, str, str]:
 
 def say_written(manifest: Manifest, target: Path) -> None:
     """Print what was written where, and what a user should know of it."""
-    vehicles = f", {_count(manifest.vehicles, 'vehicle')}" if manifest.vehicles is not None else ""
-    intersections = _count(manifest.intersections, "intersection")
+    vehicles = f", {counted(manifest.vehicles, 'vehicle')}" if manifest.vehicles is not None else ""
+    intersections = counted(manifest.intersections, "intersection")
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{manifest.name}: {intersections}{vehicles}", markup=False)
     for note in manifest.notes or ():
@@ -42,7 +43,3 @@ def say_written(manifest: Manifest, target: Path) -> None:
             f"its demand lasts {horizon:g} s: tsc-run --horizon {horizon:g}", markup=False
         )
     console.print(f"written to {target}", markup=False)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

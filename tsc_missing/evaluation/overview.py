@@ -1,5 +1,6 @@
 """What ``tsc-net show`` shows: a network, its demand where it has one, and a mask's coverage."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +37,7 @@ class DemandSummary(Part):
 
     kind: str
     vehicles: int
-    horizon: int  # [s]
+    horizon: int  # [s] that were looked at, or that the demand lasts if that is less
 
 
 class Summary(Part):
@@ -95,8 +96,12 @@ def find_network(settings: RunSettings) -> tuple[NetworkFolder, Scenario | None]
 
 
 def _demand(settings: RunSettings, scenario: Scenario) -> DemandSummary:
-    vehicles = len(scenario.demand(settings).trips)
-    return DemandSummary(kind=scenario.demand_kind, vehicles=vehicles, horizon=settings.horizon)
+    demand = scenario.demand(settings)
+    return DemandSummary(
+        kind=scenario.demand_kind,
+        vehicles=len(demand.trips),
+        horizon=math.ceil(min(settings.horizon, demand.duration)),
+    )
 
 
 def _mask(

@@ -76,7 +76,7 @@ def find_scenario(net: str, demand: Literal["auto", "profile", "recorded"]) -> S
     if name in profiles and demand != "recorded":
         return _bundled(name, profiles[name])
     if name in imported:
-        return _recorded(name, imported[name], demand)
+        return _recorded(net, name, imported[name], demand)
     if name in profiles:
         raise UserError(
             "demand",
@@ -85,7 +85,7 @@ def find_scenario(net: str, demand: Literal["auto", "profile", "recorded"]) -> S
         )
     path = Path(net)
     if (path / MANIFEST).is_file() or ("/" in net and path.is_dir()):
-        return _recorded(path.resolve().name, path, demand)
+        return _recorded(net, path.resolve().name, path, demand)
     if "/" in net:
         raise UserError("net", net, "there is no such folder")
     raise unknown_network(net)
@@ -96,8 +96,8 @@ def _bundled(name: str, profile: Path) -> Scenario:
     return Scenario(name, folder, "profile", profile)
 
 
-def _recorded(name: str, path: Path, demand: str) -> Scenario:
-    folder = read_folder(path, name)
+def _recorded(net: str, name: str, path: Path, demand: str) -> Scenario:
+    folder = read_folder(path, net)
     if demand == "profile":
         raise UserError(
             "demand",

@@ -93,26 +93,29 @@ def builder_versions() -> dict[str, str]:
     return {name: version for name, version in versions().items() if name in wanted}
 
 
-def read_folder(path: Path, name: str) -> NetworkFolder:
-    """The network folder at ``path``; ``UserError`` tells what is not there or has changed."""
+def read_folder(path: Path, given: str) -> NetworkFolder:
+    """The network folder at ``path``; ``UserError`` tells what is not there or has changed.
+
+    ``given`` is what a user named it by.
+    """
     if not (path / MANIFEST).is_file():
-        raise UserError(FIELD, name, f"{path} has no {MANIFEST}, so it is no network folder")
+        raise UserError(FIELD, given, f"{path} has no {MANIFEST}, so it is no network folder")
     manifest = parse(_MANIFEST, read_json(path / MANIFEST, FIELD), FIELD, path / MANIFEST)
-    _check_files(path, manifest.files, name)
+    _check_files(path, manifest.files, given)
     record = parse(_RECORD, read_json(path / RECORD, FIELD), FIELD, path / RECORD)
     return NetworkFolder(path, manifest, Network(manifest.name, record))
 
 
-def _check_files(path: Path, files: Mapping[str, str], name: str) -> None:
+def _check_files(path: Path, files: Mapping[str, str], given: str) -> None:
     for required in (NET, RECORD):
         if required not in files:
-            raise UserError(FIELD, name, f"{path / MANIFEST} does not list {required}")
+            raise UserError(FIELD, given, f"{path / MANIFEST} does not list {required}")
     for file, checksum in files.items():
         if not (path / file).is_file():
-            raise UserError(FIELD, name, f"{path / file} is missing")
+            raise UserError(FIELD, given, f"{path / file} is missing")
         if sha256(path / file) != checksum:
             raise UserError(
-                FIELD, name, f"{path / file} is not the file that was built (other checksum)"
+                FIELD, given, f"{path / file} is not the file that was built (other checksum)"
             )
 
 
