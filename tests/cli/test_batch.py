@@ -19,6 +19,7 @@ from tests.batch.cases import (
     write_suite,
 )
 from tests.cli.refusals import refused
+from tsc_missing.batch.engine import _check_address
 from tsc_missing.batch.worker import IDLE
 
 LONG = 600_000  # [s] a horizon that no test waits for
@@ -285,3 +286,39 @@ def test_a_cluster_that_is_not_there(command, small_net, address):
     assert f"--cluster: {address}" in done.stderr
     assert "no Dask scheduler answers there" in done.stderr
     assert not (command.cwd / "b").exists()
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("foo", "missing port"),
+        ("http://10.0.0.1:8786", "unknown address scheme 'http'"),
+        ("tcp://10.0.0.1:port", "invalid literal"),
+        ("10.0.0.1:99999", "no such port"),
+        (":8786", "no host"),
+    ],
+)
+def test_what_is_no_address_of_a_cluster(command, small_net, address, words):
+    pytest.importorskip("distributed", reason="Dask is not installed (the extra cluster)")
+    write_suite(command, small_net)
+    wanted = [f"--cluster: {address} ", "HOST:PORT", words]
+    refused(command, "batch", "small.toml", "--out", "b", "--cluster", address, words=wanted)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        *("scheduler:8786", "tcp://10.0.0.1:8786", "tls://scheduler:8786", "tcp://[::1]:8786"),
+        *("ws://scheduler:8786", "wss://scheduler/dask", "ucx://10.0.0.1:8786", "inproc://1/2/3"),
+    ],
+)
+def test_addresses_of_clusters(address):
+    pytest.importorskip("distributed", reason="Dask is not installed (the extra cluster)")
+    _check_address(address)
+
+
+@pytest.mark.parametrize("out", ["/proc/batch", "small.toml/b"])
+def test_a_folder_that_cannot_be_made(command, small_net, out):
+    write_suite(command, small_net)
+    words = [f"--out: {out} is not allowed; cannot be written ("]
+    refused(command, "batch", "small.toml", "--out", out, words=words)

@@ -17,6 +17,7 @@ from tsc_missing.errors import UserError
 from tsc_missing.versions import versions
 
 CLUSTER = "--cluster"
+PORTS = range(1, 65536)
 PATIENCE = 10.0  # [s] to wait for a cluster to answer, and for its first worker
 
 
@@ -56,6 +57,7 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
         raise UserError(
             CLUSTER, address, "Dask is not installed: pip install 'tsc-missing[cluster]'"
         ) from None
+    _check_address(address)
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -75,6 +77,26 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
     except (CommClosedError, TimeoutError) as error:
         words = f"its scheduler was lost ({type(error).__name__}); the same command goes on"
         raise UserError(CLUSTER, address, words, verdict="does not answer any more") from error
+
+
+def _check_address(address: str) -> None:
+    """Raise ``UserError`` unless a scheduler may have that address; nothing is asked of it.
+
+    A Dask client of an address that is none takes long to go away.
+    """
+    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+
+    try:
+        scheme, place = parse_address(address)
+        get_backend(scheme)
+        if scheme in ("tcp", "tls"):  # others have addresses of their own kind
+            host, port = parse_host_port(place)
+            if not host or port not in PORTS:
+                raise ValueError("no host" if not host else "no such port")
+    except ValueError as error:
+        words = "it must be HOST:PORT or SCHEME://HOST:PORT, as tcp://10.0.0.1:8786"
+        raise UserError(CLUSTER, address, f"{words} ({error})") from None
 
 
 def _check_workers(client: Any, address: str, out: Path) -> None:

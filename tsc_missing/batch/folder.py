@@ -97,9 +97,16 @@ def write_plan(out: Path, plan: Plan) -> None:
 
 @contextlib.contextmanager
 def held(out: Path) -> Iterator[None]:
-    """Keep another batch out of the folder; the system frees it when the process ends."""
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / LOCK).open("w") as lock:
+    """Keep another batch out of the folder; the system frees it when the process ends.
+
+    ``UserError`` where another has it, or where it cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        file = (out / LOCK).open("w")
+    except OSError as error:
+        raise UserError(FIELD, out, f"cannot be written ({error.strerror})") from error
+    with file as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
