@@ -8,7 +8,7 @@ import pytest
 
 from tests.cli.refusals import check_refusal
 from tsc_missing.network.folder import read_folder
-from tsc_missing.report.loss_map import _costs
+from tsc_missing.report.loss_map import find_losses
 from tsc_missing.report.results import read_results
 from tsc_missing.sensing.masks import load_mask
 
@@ -101,13 +101,15 @@ def test_which_sensors_are_missed_most(command, small_net):
     done = command("batch", *batch)
     assert done.returncode == 0, done.stderr
     runs = command.cwd / "s" / "runs"
-    folder, _, costs = _costs(read_results([runs]), "small", "max-queue", "att_all")
+    losses = find_losses(read_results([runs]), "small", "max-queue", "att_all")
+    ids, costs = losses.folder.network.ids, losses.costs
+    assert losses.cases == ids
 
     def att(case):
         run = json.loads((runs / "runs" / f"small-{case}-max-queue-seed0" / "run.json").read_text())
         return run["result"]["att_all"]
 
-    assert costs == pytest.approx([att(name) / att("none") - 1 for name in folder.network.ids])
+    assert costs == pytest.approx([att(name) / att("none") - 1 for name in ids])
     assert len({*costs}) > 1
     done = command("report", "s/runs", "--out", "r")
     assert done.returncode == 0, done.stderr
@@ -116,7 +118,7 @@ def test_which_sensors_are_missed_most(command, small_net):
     losses = report.partition("## What each loss costs")[2].partition("\n## ")[0]
     shown = re.findall(r"^\| (\S+) \| ([+−][\d.]+) % \|$", losses, re.MULTILINE)
     order = np.argsort(-costs, kind="stable")
-    assert [name.replace("\\", "") for name, _ in shown] == [folder.network.ids[n] for n in order]
+    assert [name.replace("\\", "") for name, _ in shown] == [ids[n] for n in order]
     assert shown[0][1] == f"+{100 * costs.max():.1f}"
     check_refusal(command, "net", "outages", small_net, *wanted, words=["--out: s ", "not exist"])
 

@@ -1,6 +1,8 @@
 """Batches on disk without a simulation: results that are made up, so that tables are known."""
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from tsc_missing.batch.suite import RunSpec, read_suite
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.report.results import Results
 from tsc_missing.sensing.masks import save_mask
 from tsc_missing.sensing.patterns import draw_mask
 
@@ -109,6 +112,15 @@ def record(spec: RunSpec) -> dict[str, Any]:
         "fallback_error": "",
         "result": Result.model_validate(values).model_dump(mode="json"),
     }
+
+
+def with_settings(results: Results, change: Callable[[RunSpec], dict[str, Any]]) -> Results:
+    """The results as of runs with other groups of settings: ``change`` gives those of each."""
+    runs = []
+    for run in results.runs:
+        settings = run.spec.settings.model_copy(update=change(run.spec))
+        runs.append(replace(run, spec=run.spec.model_copy(update={"settings": settings})))
+    return Results(results.plans, runs)
 
 
 def write_decisions(path: Path, n: int, seed: int) -> None:

@@ -12,9 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.report.cases import make_batch
-from tsc_missing.batch.folder import read_plan, write_plan
 from tsc_missing.batch.table import write_table
-from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.report.document import make_report
 from tsc_missing.report.figures import _generalisation
@@ -147,7 +145,7 @@ def test_cases_are_in_the_order_of_their_rates(results):
 def test_queues_are_shown_at_the_highest_rate_of_each_pattern(tmp_path):
     results = read_results([make_batch(tmp_path / "b", tmp_path, decisions=True)])
     assert results.highest_cases("jinan_1") == ("none", "random 50 %", "kriging 25 %")
-    titles = [panel.get_title(loc="left") for panel in queue_figure(results, "att_all").axes]
+    titles = [panel.get_title(loc="left") for panel in queue_figure(results, "att_all")[0].axes]
     shown = ["everything observed", "random 50 %", "kriging 25 %"]
     assert [title for title in titles if title] == [f"jinan_1, {case}" for case in shown]
 
@@ -379,24 +377,6 @@ def test_runs_of_other_demands_are_not_compared(tmp_path):
     (path.parent / "mask.npz").write_bytes(b"another")
     with pytest.raises(UserError, match="seed1 cannot be compared: mask is"):
         read_results([folder])
-
-
-def test_methods_that_ran_with_other_timing_are_told_of(tmp_path):
-    out = make_batch(tmp_path / "b", tmp_path)
-    assert "did not run alike" not in make_report(read_results([out]), "att_all").markdown
-    plan = read_plan(out, "results")
-    slower = SignalSettings(yellow=3)
-    runs = tuple(
-        run.model_copy(update={"settings": run.settings.model_copy(update={"signals": slower})})
-        if run.method == "max-pressure"
-        else run
-        for run in plan.suite.runs
-    )
-    write_plan(out, plan.model_copy(update={"suite": plan.suite.model_copy(update={"runs": runs})}))
-    text = make_report(read_results([out]), "att_all").markdown
-    assert "Methods of one table did not run alike" in text
-    assert "signals.yellow 5: " in text
-    assert "; 3: max-pressure" in text
 
 
 def test_tables_with_many_cases_have_a_row_for_each():

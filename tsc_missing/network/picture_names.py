@@ -43,14 +43,12 @@ def draw_names(
     places: FloatArray,
     radius: FloatArray,
     roads: Sequence[FloatArray],
-    shorten: bool = True,
 ) -> str:
     """Write the names of the marks at ``places`` (N, 2) [m] with ``radius`` (N,) [m].
 
     All are of one size, the largest at which they keep clear of each other, of the marks and of
     the ``roads``' outlines [m]. Where that is impossible the part that all names begin with is
-    left out (if they may be ``shorten``ed), then some lie on roads, then they get smaller, and at
-    last some are left out.
+    left out, then some lie on roads, then they get smaller, and at last some are left out.
     Returns what a reader has to know of it, or nothing.
     """
     centres = axes.transData.transform(places)
@@ -58,7 +56,7 @@ def draw_names(
     reach = reach - centres[:, 0]
     squares = [_square(centre, r) for centre, r in zip(centres, reach, strict=True)]
     clear = Obstacles([*squares, *map(axes.transData.transform, roads)])
-    prefix = common_prefix(names) if shorten else ""
+    prefix = common_prefix(names)
     short = [name.removeprefix(prefix) for name in names]
     marks = Obstacles(squares)
     page = axes.bbox.padded(OVERHANG * figure.dpi)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
-from tsc_missing.report.conditions import unlike
+from tsc_missing.report.conditions import unlike_cases, unlike_methods
+from tsc_missing.report.losses import NUMBER, loss_table
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
 from tsc_missing.report.pictures import Picture, pictures_of
@@ -14,7 +15,6 @@ from tsc_missing.report.scenes import without_network
 from tsc_missing.report.tables import (
     SEES_ALL,
     comparison_table,
-    loss_table,
     pooled_table,
     result_table,
     time_table,
@@ -74,10 +74,17 @@ def _about(results: Results) -> list[str]:
     notes = warnings(results)
     if notes:
         lines += ["Runs that did not go as runs should:", "", *(f"- {n}" for n in notes), ""]
-    differing = unlike(results)
-    if differing:
-        words = "Methods of one table did not run alike, so they differ in more than the method:"
-        lines += [words, "", *(f"- {escaped(one)}" for one in differing), ""]
+    for differing, who, so in (
+        (unlike_methods(results), "Methods of one case", "they differ in more than the method"),
+        (unlike_cases(results), "Cases", "they cannot be compared with each other"),
+    ):
+        if differing:
+            lines += [
+                f"{who} did not run alike, so {so}:",
+                "",
+                *(f"- {escaped(one)}" for one in differing),
+                "",
+            ]
     gone = without_network(results)
     if gone:
         words = "No maps, as the network is not here as it was when it was run"
@@ -99,8 +106,9 @@ def _results(results: Results, metric: str) -> list[str]:
     ]
     if any(re.search(r"± 0\.0+(?!\d)", line) for line in tables):
         lines += [
-            "± 0.0: the seeds make next to no difference. A recorded demand is the same for every "
-            "seed, and where nothing is missing no mask is drawn either.",
+            "± 0.0: the seeds make next to no difference. Of demands only the bundled profiles are "
+            "drawn with the seed; a recorded or generated one, as imported and generated networks "
+            "have, is the same for every seed. Where nothing is missing no mask is drawn either.",
             "",
         ]
     if any(re.search(r"\(\d+ of \d+\)", line) for line in tables):
@@ -119,11 +127,14 @@ def _losses(results: Results, metric: str) -> list[str]:
     tables = {d: loss_table(results, d, metric) for d in results.datasets}
     if not any(tables.values()):
         return []
+    numbered = any(f"| {NUMBER} |" in line for rows in tables.values() for line in rows[:2])
+    numbers = f" Maps have the rows' numbers ({NUMBER})." if numbered else ""
     lines = [
         "## What each loss costs",
         "",
         f"By how much `{metric}` is above (+, worse) that of the same method with nothing missing, "
-        "paired by seed, with 95 % intervals as below; the costliest first.",
+        "paired by seed, with 95 % intervals as below; the costliest first, by the largest number "
+        f"in a row, whichever method's it is.{numbers}",
         "",
     ]
     for dataset, rows in tables.items():

@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from tsc_missing.config import MEAN_OUTAGE, MissingSettings
 from tsc_missing.network.picture_style import INK
-from tsc_missing.report.leading import leading_methods
+from tsc_missing.report.leading import leading_methods, line_words
 from tsc_missing.report.results import NOTHING_MISSING, Results
 from tsc_missing.report.statistics import Mean, mean_of
 from tsc_missing.report.style import (
+    ARROW,
     GREY,
     End,
     Look,
@@ -40,10 +41,11 @@ def axis_words(metric: str) -> str:
     return UNITS.get(metric, metric.replace("_", " "))
 
 
-def rate_figure(results: Results, metric: str) -> Figure | None:
+def rate_figure(results: Results, metric: str) -> tuple[Figure, str] | None:
     """The metric against the missing rate: a line a method, a panel a dataset and pattern.
 
-    Rate 0 is the case without missing data. None where no pattern has two rates.
+    Rate 0 is the case without missing data. None where no pattern has two rates. With sentences
+    about what is drawn.
     """
     wanted = [
         (dataset, group)
@@ -53,8 +55,9 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
     ]
     if not wanted:
         return None
-    style = looks(results.methods, leading_methods(results, metric))
+    style = looks(results.methods, leading_methods(results, metric), results.references)
     figure, axes = panels(len(wanted), 0, columns=2, size=(4.2, 2.7))
+    drawn: dict[str, Points] = {}
     for panel, (dataset, group) in zip(axes, wanted, strict=True):
         rates = _rates(results, dataset, group)
         lines = {
@@ -64,6 +67,7 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
         }
         for method, points in lines.items():
             _draw_line(panel, points, style[method])
+            drawn.setdefault(method, []).extend(points)
         _scale(panel, lines, style)
         label(panel, f"{dataset}, {_group_words(group)}", "missing, %", axis_words(metric))
         last = 100 * max(rates)
@@ -73,16 +77,27 @@ def rate_figure(results: Results, metric: str) -> Figure | None:
             turned = 45 if len("".join(words)) > CROWDED else 0
             panel.set_xticks(ticks, words, rotation=turned)
         for method, points in lines.items():
-            if results.kinds[method] == "reference" and points[-1][0] < last:
-                y = points[-1][1].value
-                panel.plot([points[-1][0], last], [y, y], color=GREY, lw=0.9, ls=":", zorder=1)
+            if method in results.references and points[-1][0] < last:
+                x, y, look = points[-1][0], points[-1][1].value, style[method]
+                panel.plot([x, last], [y, y], color=look.colour, lw=0.9, ls=look.line, zorder=1)
         ends = [
-            End(last if results.kinds[m] == "reference" else x, mean.value, m, style[m].colour)
+            End(last if m in results.references else x, mean.value, m, style[m].colour)
             for m, points in lines.items()
             for x, mean in points[-1:]
         ]
         label_ends(panel, ends)
-    return figure
+    return figure, " ".join(_rate_words(results, metric, drawn, axes))
+
+
+def _rate_words(
+    results: Results, metric: str, drawn: dict[str, Points], axes: Sequence[Axes]
+) -> list[str]:
+    words = [*line_words(results, metric, drawn), "The scales do not begin at 0."]
+    if any(mean.error for points in drawn.values() for _, mean in points):
+        words.insert(0, "Bars are standard errors over seeds.")
+    if any(ARROW in text.get_text() for panel in axes for text in panel.texts):
+        words.append("An arrow is at a line that ends above the scale, with its value there.")
+    return words
 
 
 def _points(

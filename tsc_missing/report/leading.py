@@ -1,6 +1,7 @@
-"""Which methods a figure shows in colour."""
+"""Which methods a figure shows in colour, and what a reader is told of it."""
 
 import math
+from collections.abc import Collection
 
 from tsc_missing.report.results import Results
 from tsc_missing.report.statistics import mean_of
@@ -25,6 +26,23 @@ def leading_methods(results: Results, metric: str) -> tuple[str, ...]:
     if first is not None and first not in chosen:
         chosen = [*order[: MOST - 1], first]
     return tuple(method for method in results.methods if method in chosen)
+
+
+def line_words(results: Results, metric: str, shown: Collection[str]) -> list[str]:
+    """Sentences about what dots and colours mean, of the methods whose lines are ``shown``."""
+    words = []
+    references = [method for method in results.references if method in shown]
+    if references:
+        they = "it runs" if len(references) == 1 else "they run"
+        see = "sees" if len(references) == 1 else "see"
+        words.append(f"Dotted: {', '.join(references)}; {they} inside SUMO and {see} everything.")
+    leading = leading_methods(results, metric)
+    if any(method not in leading for method in shown):
+        words.append(
+            f"In colour the {len(leading)} methods that are best over all cases, the others grey; "
+            "the scale is that of the methods in colour."
+        )
+    return words
 
 
 def _distances(results: Results, metric: str) -> dict[str, float]:

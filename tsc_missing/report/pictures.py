@@ -8,7 +8,6 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from tsc_missing.report.figures import generalisation_figure, imputation_figure, rate_figure
-from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.loss_map import loss_maps
 from tsc_missing.report.queue_map import map_runs, queue_map
 from tsc_missing.report.queues import MINUTE, SMOOTH, queue_figure
@@ -27,14 +26,10 @@ class Picture:
 def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
     """Those that the results have something to show for."""
     subject = "Travel time" if metric.startswith("att_") else metric
+    rates, rate_words = rate_figure(results, metric) or (None, "")
+    queues, queue_words = queue_figure(results, metric) or (None, "")
     drawn: list[tuple[str, Figure | None, str]] = [
-        (
-            "missing-rate",
-            rate_figure(results, metric),
-            f"{subject} against the missing rate; bars are standard errors over seeds, and dotted "
-            f"what sees everything.{_scale_words(results, metric)} The scales do not begin at 0; "
-            "an arrow stands for a line that ends above the scale, with its value there.",
-        ),
+        ("missing-rate", rates, f"{subject} against the missing rate. {rate_words}"),
         (
             "generalisation",
             generalisation_figure(results, metric),
@@ -49,11 +44,10 @@ def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
         ),
         (
             "queues",
-            queue_figure(results, metric),
+            queues,
             "Vehicles in queues over time in the whole network, at the highest rate of each "
             "pattern of missing data, mean over seeds and a moving mean over "
-            f"{SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run)."
-            f"{_scale_words(results, metric)} Grey lines may leave the scale.",
+            f"{SMOOTH / MINUTE:.0f} minutes (in short runs over a tenth of the run). {queue_words}",
         ),
     ]
     for run in map_runs(results, metric):
@@ -65,18 +59,7 @@ def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
     drawn.extend(loss_maps(results, metric))
     for name, figure, words in drawn:
         if figure is not None:
-            yield Picture(name, figure, words)
-
-
-def _scale_words(results: Results, metric: str) -> str:
-    """What colours mean, where some methods are grey."""
-    leading = leading_methods(results, metric)
-    if len(leading) == len(results.methods):
-        return ""
-    return (
-        f" In colour the {len(leading)} methods that are best over all cases, the others grey; the "
-        "scale is that of the methods in colour."
-    )
+            yield Picture(name, figure, words.strip())
 
 
 def render(figure: Figure, suffix: str) -> bytes:

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from tsc_missing.evaluation.run_folder import DECISIONS
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.report.leading import leading_methods
+from tsc_missing.report.conditions import sensor_words
+from tsc_missing.report.leading import leading_methods, line_words
 from tsc_missing.report.results import Cell, Results, Run
 from tsc_missing.report.style import add_legend, label, line_sample, looks, panels, scale_top
 
@@ -17,6 +18,10 @@ Line = tuple[FloatArray, FloatArray]  # times [s] and queues [vehicles]
 
 MINUTE = 60.0  # [s]
 SMOOTH = 300.0  # [s]
+UNLIKE = (
+    "Only vehicles within the sensors' reach are counted, so queues of panels with other sensors "
+    "cannot be compared."
+)
 
 
 def read_queues(run: Run) -> tuple[FloatArray, FloatArray] | None:
@@ -55,10 +60,10 @@ def smooth(time: FloatArray, queue: FloatArray) -> FloatArray:
     return mean
 
 
-def queue_figure(results: Results, metric: str) -> Figure | None:
+def queue_figure(results: Results, metric: str) -> tuple[Figure, str] | None:
     """The network's queue over time, smoothed: a panel a dataset and case, a line a method.
 
-    Of each pattern only the highest rate is shown.
+    Of each pattern only the highest rate is shown. With sentences about what is drawn.
     """
     highest = {dataset: results.highest_cases(dataset) for dataset in results.datasets}
     lines = {}
@@ -75,8 +80,14 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
     shown = [m for m in results.methods if any(cell.method == m for cell in lines)]
     leading = [m for m in leading_methods(results, metric) if m in shown]
     others = [m for m in shown if m not in leading]
-    style = looks(results.methods, leading)
-    figure, axes = panels(len(wanted), len(leading) + bool(others), size=(3.2, 2.7))
+    style = looks(results.methods, leading, results.references)
+    samples = [line_sample(style[m], m) for m in leading]
+    for sees_all, words in ((False, "the other methods"), (True, "SUMO's own programs")):
+        alike = [m for m in others if (m in results.references) == sees_all]
+        samples += [line_sample(style[m], words, marker=False) for m in alike[:1]]
+    figure, axes = panels(len(wanted), len(samples), size=(3.2, 2.7))
+    sensors = {place: _sensors(results, *place) for place in wanted}
+    differ = len({*sensors.values()}) > 1
     tops = {
         dataset: scale_top(_peaks(lines, dataset, leading), _peaks(lines, dataset, others), low=0.0)
         for dataset, _ in wanted
@@ -98,12 +109,21 @@ def queue_figure(results: Results, metric: str) -> Figure | None:
                     zorder=2 if grey else 3,
                 )
         panel.set_ylim(0, tops[dataset])
-        label(panel, f"{dataset}, {_missing(case)}", "time, min", "queue, vehicles")
-    samples = [line_sample(style[m], m) for m in leading]
-    if others:
-        samples.append(line_sample(style[others[0]], "the other methods", marker=False))
+        title = f"{dataset}, {_missing(case)}"
+        title += f"\nsensor: {sensors[dataset, case]}" if differ else ""
+        label(panel, title, "time, min", "queue, vehicles")
     add_legend(figure, samples)
-    return figure
+    notes = line_words(results, metric, shown)
+    notes += ["Grey lines may leave the scale."] if others else []
+    notes += [UNLIKE] if differ else []
+    return figure, " ".join(notes)
+
+
+def _sensors(results: Results, dataset: str, case: str) -> str:
+    """Those of the runs of a case."""
+    cells = [cell for cell in results.by_cell if (cell.dataset, cell.case) == (dataset, case)]
+    runs = [run for cell in cells for run in results.by_cell[cell].values()]
+    return " and ".join(dict.fromkeys(map(sensor_words, runs)))
 
 
 def _peaks(lines: dict[Cell, Line], dataset: str, methods: Sequence[str]) -> list[float]:

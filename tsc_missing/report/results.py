@@ -123,6 +123,11 @@ class Results:
         """What each method is."""
         return {run.spec.method: run.kind for run in self.finished}
 
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Of ``methods`` those that see everything."""
+        return tuple(method for method in self.methods if self.kinds[method] == "reference")
+
     def of(self, dataset: str, case: str, method: str) -> dict[int, Run]:
         """The runs of a cell by seed; empty where there are none."""
         return self.by_cell.get(Cell(dataset, case, method), {})

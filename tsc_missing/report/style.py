@@ -6,7 +6,7 @@ told apart without colours.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +20,9 @@ from tsc_missing.network.picture_style import INK, QUIET
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 GREY = "#8d99a6"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
-LINES = ("-", (0, (5, 1.5)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+LINES = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5, 1.5, 1.5)))
+DOTTED = (0, (1.2, 1.4))  # of references, which see everything, and of nothing else
+ARROW = "\u2191"  # at the edge of a scale, before the value of what is above it
 DPI = 160
 PANEL = (3.6, 2.7)  # [inches]
 COLUMNS = 3
@@ -38,8 +40,10 @@ class Look:
     line: object
 
 
-def looks(methods: Sequence[str], coloured: Collection[str]) -> dict[str, Look]:
-    """A look for each method, those not ``coloured`` in grey.
+def looks(
+    methods: Sequence[str], coloured: Collection[str], references: Collection[str] = ()
+) -> dict[str, Look]:
+    """A look for each method, those not ``coloured`` in grey, ``references`` dotted.
 
     No two in colour are alike for up to seventy, no two in grey for up to ten.
     """
@@ -49,10 +53,11 @@ def looks(methods: Sequence[str], coloured: Collection[str]) -> dict[str, Look]:
         if method in coloured:
             k, colours = colours, colours + 1
             line = LINES[(k // len(COLOURS) + k) % len(LINES)]
-            found[method] = Look(COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)], line)
+            look = Look(COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)], line)
         else:
             k, greys = greys, greys + 1
-            found[method] = Look(GREY, MARKERS[-1 - k % len(MARKERS)], LINES[0])
+            look = Look(GREY, MARKERS[-1 - k % len(MARKERS)], LINES[0])
+        found[method] = replace(look, line=DOTTED) if method in references else look
     return found
 
 
@@ -145,7 +150,7 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
     height = axes.get_window_extent().height / DPI  # [inches]
     gap = LABEL_LINE / height  # of the height of the axes
     leader = {"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 1, "shrinkB": 3, "relpos": (0, 0.5)}
-    short = {"color": GREY, "linestyle": ":"}  # it is no line, and must not look like one
+    short = {"color": GREY, "linestyle": (0, (5, 8))}  # it must not look like a method's line
     ends, last = sorted(ends, key=lambda end: end.y), max(end.x for end in ends)
     wanted = np.array([(min(end.y, high) - low) / (high - low) for end in ends])
     steps = gap * np.arange(len(ends))
@@ -154,7 +159,7 @@ def label_ends(axes: Axes, ends: Sequence[End], place: float = 1.05) -> None:
     for end, y in zip(ends, places, strict=True):
         above = end.y > high
         look = short if end.x < last else {"color": end.colour}
-        words = shortened(end.words) + (f" \u2191\u202f{end.y:.0f}" if above else "")
+        words = shortened(end.words) + (f" {ARROW}\u202f{end.y:.0f}" if above else "")
         axes.annotate(
             words,
             (end.x, min(end.y, high)),

@@ -112,45 +112,6 @@ def comparison_table(results: Results, dataset: str, metric: str) -> list[str]:
     return _wide_or_long(["method", *map(escaped, cases)], [against, *rows])
 
 
-def loss_table(results: Results, dataset: str, metric: str) -> list[str]:
-    """What outages that were listed cost each method beside nothing missing, the worst first.
-
-    Nothing where there are none, or nothing to hold them against.
-    """
-    cases = [case for case in results.cases(dataset) if is_listed(results, dataset, case)]
-    costs = {
-        case: {m: ratio_of([_between(results, dataset, m, case, metric)]) for m in results.methods}
-        for case in cases
-    }
-    methods = [m for m in results.methods if any(costs[case][m] is not None for case in cases)]
-    if not methods:
-        return []
-
-    def worst(case: str) -> float:
-        return -max(ratio.value for ratio in costs[case].values() if ratio is not None)
-
-    found = [case for case in cases if any(costs[case].values())]
-    rows = [
-        [escaped(case), *(change_words(costs[case][m]) for m in methods)]
-        for case in sorted(found, key=worst)
-    ]
-    return table(["silent", *(named(results, m) for m in methods)], rows)
-
-
-def is_listed(results: Results, dataset: str, case: str) -> bool:
-    """Whether a case is a list of outages or a mask that was given."""
-    runs = (results.of(dataset, case, method) for method in results.methods)
-    return any(run.spec.settings.missing.file for all_ in runs for run in all_.values())
-
-
-def _between(results: Results, dataset: str, method: str, case: str, metric: str) -> Pairs:
-    """A case of a method and nothing missing."""
-    return paired(
-        results.values(dataset, case, method, metric),
-        results.values(dataset, NOTHING_MISSING, method, metric),
-    )
-
-
 def _pairs(
     results: Results, dataset: str, case: str, method: str, base: str | None, metric: str
 ) -> Pairs:
