@@ -183,9 +183,10 @@ def test_a_timing_that_does_not_fit_the_network(command):
     made = command("net", "generate", "--rows", 1, "--columns", 2, "--out", "net")
     assert made.returncode == 0, made.stderr
     write_suite(command, "net/", methods='"max-queue"', seeds="[0]")
-    short = ("--set", "signals={yellow=1, decision_interval=3}")
-    words = ["decision-interval: 3 is not allowed", "longer than yellow"]
-    refused(command, "batch", "small.toml", *short, "--list", words=words)
+    words = ["decision-interval: 3 is not allowed", "the yellow takes 3 s"]
+    refused(command, "batch", "small.toml", "--set", "signals.decision_interval=3", words=words)
+    given = ("--set", "signals={yellow=1, decision_interval=3}")  # goes before the network's own
+    assert command("batch", "small.toml", *given, "--list").returncode == 0
 
 
 def test_a_suite_in_which_nothing_can_run(command, small_net):
@@ -224,7 +225,7 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     refused(command, "batch", "small.toml", "--out", "b", words=["versions", "source was 1.0"])
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
-    unknown = {**record["settings"], "signals": {"yellow": 5}}  # to a version without the others
+    unknown = {**record["settings"], "signals": {"max_red": 240}}  # to a version without the others
     path.write_text(json.dumps({**record, "settings": unknown, "versions": {"libsumo": "1.0"}}))
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"

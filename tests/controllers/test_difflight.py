@@ -285,13 +285,13 @@ def test_the_memory_holds_the_last_steps_and_nothing_from_before_the_first():
 @pytest.mark.parametrize(
     ("options", "steps"),
     [
-        ({}, (3, 10)),
-        ({"diffusion": {"scoring": "queue"}}, (3, 10)),
+        ({}, (3, 8)),
+        ({"diffusion": {"scoring": "queue"}}, (3, 8)),
         ({"diffusion": {"scoring": "inverse"}}, (10, 10)),
         ({"diffusion": {"scoring": "mixed"}}, (10, 10)),
         ({"diffusion": {"scoring": "mixed", "sampling_steps": 4}}, (4, 4)),
         ({"diffusion": {"sampling_steps": 10}}, (10, 10)),
-        ({"controller": "max-queue", "imputer": "diffusion"}, (3, 10)),
+        ({"controller": "max-queue", "imputer": "diffusion"}, (3, 8)),
         ({"controller": "difflight-paper"}, (10, 10)),
     ],
 )
