@@ -74,6 +74,7 @@ def bundled_methods() -> tuple[str, ...]:
     return tuple(_load(METHODS))
 
 
+@cache
 def paper_tables() -> tuple[str, ...]:
     """The names of the paper's tables whose numbers are bundled."""
     with PAPER.open(encoding="utf-8", newline="") as stream:
