@@ -59,8 +59,8 @@ def imported(crossing, command):
     done = command("net", "import", "--sumo-net", crossing / "all.sumocfg", "--out", "net")
     assert done.returncode == 0, done.stderr
     assert "net: 1 intersection, 32 vehicles" in done.stdout
-    assert "note: 1 person elements are left out" in done.stdout
-    assert "note: 1 stops" in done.stdout
+    assert "note: left out: 1 person element\n" in done.stdout
+    assert "note: left out: 1 stop" in done.stdout
     return command.cwd / "net"
 
 
@@ -238,7 +238,7 @@ def test_traffic_on_roads_that_are_not_there_is_left_out_and_counted(crossing, c
     done = command("net", "import", *arguments)
     assert done.returncode == 0, done.stderr
     assert ", 1 vehicle\n" in done.stdout
-    assert "5 vehicles, trips or flows name roads that the net lacks" in done.stdout
+    assert "left out: 5 vehicles, trips and flows on roads that the net lacks" in done.stdout
 
 
 def test_flows_that_began_before(crossing, command):
@@ -304,7 +304,7 @@ def test_packed_files_and_times_of_day(crossing, command, tmp_path):
     done = command(*arguments, "--routes", clock, "--out", "clock")
     assert done.returncode == 0, done.stderr
     assert "clock: 1 intersection, 4 vehicles" in done.stdout
-    assert "note: 1 vehicles that depart before" in done.stdout
+    assert "note: left out: 1 vehicle departing before" in done.stdout
     assert "sorted" not in done.stdout
     whole = (crossing / "cars.rou.xml").read_bytes()
     cars.write_bytes(gzip.compress(whole)[:-20])

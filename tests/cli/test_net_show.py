@@ -8,6 +8,7 @@ import pytest
 from tests.cityflow_files import grid_roadnet, write
 from tests.cli.test_bad_input import refused
 from tsc_missing.network.importing import import_cityflow
+from tsc_missing.words import counted
 
 SVG = "{http://www.w3.org/2000/svg}"
 KINDS = ("intersections", "always-observed", "partly-observed", "never-observed")
@@ -103,7 +104,16 @@ def test_one_intersection_that_differs(command):
     shape = ("--rows", 1, "--columns", 3, "--remove", "1,1-1,2")
     done = command("net", "generate", *shape, "--out", "tee")
     assert done.returncode == 0, done.stderr
-    assert "\n1 intersection has other phases (1 kind)\n" in command("net", "show", "tee").stdout
+    shown = command("net", "show", "tee").stdout
+    assert "\n1 intersection has other phases (1 kind; --phases lists them)\n" in shown
+    shown = command("net", "show", "tee", "--phases").stdout
+    ids = [kind["ids"] for kind in show_json(command, "tee")["network"]["signals"]]
+    assert sorted(name for kind in ids for name in kind) == [
+        *("intersection_1_1", "intersection_2_1", "intersection_3_1"),
+    ]
+    for kind in ids:
+        assert f"\nphases of {counted(len(kind), 'intersection')}: {', '.join(kind)}\n" in shown
+    assert "other phases" not in shown
 
 
 def test_an_older_picture_is_replaced(command, small_net):

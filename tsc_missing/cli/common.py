@@ -31,11 +31,6 @@ def messages() -> "Console":
     return Console(stderr=True, soft_wrap=True, highlight=False)
 
 
-def counted(number: int, what: str) -> str:
-    """For example ``1 road`` and ``2 roads``."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
-
-
 def make_app(help_text: str) -> typer.Typer:
     """A typer app with this project's conventions."""
     return typer.Typer(

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tsc_missing.cli.common import counted
 from tsc_missing.cli.options import (
     AdjacentOption,
     MeanOutageOption,
@@ -16,6 +15,7 @@ from tsc_missing.cli.options import (
 )
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
+from tsc_missing.words import counted
 
 if TYPE_CHECKING:
     from tsc_missing.evaluation.overview import Overview
@@ -56,6 +56,9 @@ def show(
     labels: Annotated[
         bool, typer.Option("--labels", help="Write the intersections' ids into the picture.")
     ] = False,
+    phases: Annotated[
+        bool, typer.Option("--phases", help="Print the phases of every intersection.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object and nothing else.")
     ] = False,
@@ -91,7 +94,7 @@ def show(
         labels,
     )
     save_picture(figure, target, "--out")
-    _print(overview, target, as_json)
+    _print(overview, target, as_json, phases)
 
 
 def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None) -> float:
@@ -121,7 +124,7 @@ def caption(overview: "Overview") -> str:
     )
 
 
-def _print(overview: "Overview", picture: Path, as_json: bool) -> None:
+def _print(overview: "Overview", picture: Path, as_json: bool, phases: bool) -> None:
     if as_json:
         import json
 
@@ -130,4 +133,4 @@ def _print(overview: "Overview", picture: Path, as_json: bool) -> None:
         return
     from tsc_missing.cli.net_table import print_summary
 
-    print_summary(overview.summary, picture)
+    print_summary(overview.summary, picture, phases)

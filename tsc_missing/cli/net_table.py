@@ -6,25 +6,30 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from tsc_missing.cli.common import counted
 from tsc_missing.evaluation.overview import Summary
-from tsc_missing.network.summary import NetworkSummary, SensorSummary
+from tsc_missing.network.summary import SensorSummary, SignalSummary
+from tsc_missing.words import counted
 
 
-def print_summary(summary: Summary, picture: Path) -> None:
-    """Print a network in numbers, its phases, and where its picture is, to standard output."""
+def print_summary(summary: Summary, picture: Path, all_phases: bool = False) -> None:
+    """Print a network in numbers, its phases, and where its picture is, to standard output.
+
+    ``all_phases``: those of every kind of intersection, with the ids, not of the commonest only.
+    """
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{summary.name} ({summary.kind})\n", markup=False)
     console.print(_table(rows(summary)))
-    most_common = summary.network.signals[0]
-    others = summary.network.intersections - most_common.intersections
-    alike = counted(most_common.intersections, "intersection")
-    console.print(f"\nphases of {alike}", markup=False)
-    console.print(_table(phase_rows(summary.network)))
-    if others:
-        kinds = counted(len(summary.network.signals) - 1, "kind")
+    signals = summary.network.signals
+    for kind in signals if all_phases else signals[:1]:
+        alike = counted(kind.intersections, "intersection")
+        which = f": {', '.join(kind.ids)}" if all_phases else ""
+        console.print(f"\nphases of {alike}{which}", markup=False)
+        console.print(_table(phase_rows(kind)))
+    others = summary.network.intersections - signals[0].intersections
+    if others and not all_phases:
+        kinds = counted(len(signals) - 1, "kind")
         unlike = f"{counted(others, 'intersection')} {'has' if others == 1 else 'have'}"
-        console.print(f"{unlike} other phases ({kinds})", markup=False)
+        console.print(f"{unlike} other phases ({kinds}; --phases lists them)", markup=False)
     console.print(f"\nwritten to {picture}", markup=False)
 
 
@@ -72,8 +77,7 @@ def _sensor_rows(sensors: SensorSummary) -> list[tuple[str, str, str]]:
     ]
 
 
-def phase_rows(network: NetworkSummary) -> list[tuple[str, str]]:
-    """Name and slots of each phase of the most common kind of intersection."""
-    kind = network.signals[0]
-    lines = [(phase.name, ", ".join(phase.slots)) for phase in kind.phases]
-    return lines + ([("always", ", ".join(kind.always_green))] if kind.always_green else [])
+def phase_rows(kind: SignalSummary) -> list[tuple[str, str, str]]:
+    """Number, name and slots of each phase of a kind of intersection."""
+    lines = [(f"{p}", phase.name, ", ".join(phase.slots)) for p, phase in enumerate(kind.phases)]
+    return lines + ([("", "always", ", ".join(kind.always_green))] if kind.always_green else [])

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tsc_missing.cli.common import counted
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.network.folder import Manifest, bundled_cities, canonical
 from tsc_missing.paths import user_networks
+from tsc_missing.words import counted
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 

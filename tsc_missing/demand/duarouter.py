@@ -16,6 +16,7 @@ from tsc_missing.demand.sumo import read_routes
 from tsc_missing.demand.trips import NAMESAKE, VEHICLE_TYPE_ID, Demand
 from tsc_missing.errors import UserError
 from tsc_missing.network.netconvert import sumo_tool
+from tsc_missing.words import counted
 
 NO_EDGE = re.compile(r"not known|unknown", re.I)
 
@@ -56,8 +57,8 @@ def route_demand(
         kept = {e.get("id", "") for _, e in ElementTree.iterparse(routed) if e.tag == "vehicle"}
     notes = _notes(given, kept, problems)
     if strangers:
-        lost = f"{len(strangers)} vehicles, trips or flows name roads that the net lacks"
-        notes.insert(0, f"{lost} and are left out, first {strangers[0]}")
+        what = "vehicles, trips and flows on roads that the net lacks"
+        notes.insert(0, f"left out: {len(strangers)} {what}, first {strangers[0]}")
     return Found(demand, tuple(notes))
 
 
@@ -141,23 +142,24 @@ def _words(line: str) -> str:
 
 def _notes(given: Given, kept: set[str], problems: Sequence[str]) -> list[str]:
     begin, end, counts = given.begin, given.end, given.counts
-    notes = [f"{counts[kind]} {kind} elements are left out" for kind in NO_CARS if counts[kind]]
+    notes = [
+        f"left out: {counted(counts[kind], f'{kind} element')}" for kind in NO_CARS if counts[kind]
+    ]
     if counts["stop"]:
-        notes.append(f"{counts['stop']} stops on the way (bus stops) are left out")
+        notes.append(f"left out: {counted(counts['stop'], 'stop')} on the way (bus stops)")
     departures = given.departures()
     outside = sum(not begin <= time < end for time in departures.values())
     if outside:
-        notes.append(
-            f"{outside} vehicles that depart before {begin:g} s or after {end:g} s are left out"
-        )
+        late = f"departing before {begin:g} s or after {end:g} s"
+        notes.append(f"left out: {counted(outside, 'vehicle')} {late}")
     notes += _flow_note(given)
     lost = [k for k, time in departures.items() if begin <= time < end and k not in kept]
     if lost:
-        notes.append(
-            f"{len(lost)} vehicles have no way through the net and are left out, as {lost[0]}"
-        )
+        vehicles = counted(len(lost), "vehicle")
+        notes.append(f"left out: {vehicles} without a way through the net, first {lost[0]}")
     if problems:
-        notes.append(f"duarouter complained in {len(problems)} lines, first: {_words(problems[0])}")
+        lines = counted(len(problems), "line")
+        notes.append(f"duarouter complained in {lines}, first: {_words(problems[0])}")
     return notes
 
 

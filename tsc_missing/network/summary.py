@@ -1,7 +1,6 @@
 """A network in numbers, for people and for JSON."""
 
 import itertools
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,9 +26,10 @@ class PhaseSummary(Part):
 
 
 class SignalSummary(Part):
-    """The phases of one kind of intersection, and how many intersections are of that kind."""
+    """The phases of one kind of intersection, and the intersections of that kind."""
 
     intersections: int
+    ids: tuple[str, ...]
     phases: tuple[PhaseSummary, ...]
     always_green: tuple[str, ...]
 
@@ -78,10 +78,12 @@ def summarise_network(network: Network, roads: Sequence[Road]) -> NetworkSummary
 
 def _signals(network: Network) -> tuple[SignalSummary, ...]:
     """The kinds of intersections by their phases, the most common first."""
-    kinds = Counter((_phases(network, n), _always_green(network, n)) for n in range(network.n))
+    kinds: dict[tuple[tuple[PhaseSummary, ...], tuple[str, ...]], list[str]] = {}
+    for n, name in enumerate(network.ids):
+        kinds.setdefault((_phases(network, n), _always_green(network, n)), []).append(name)
     return tuple(
-        SignalSummary(intersections=count, phases=phases, always_green=always)
-        for (phases, always), count in kinds.most_common()
+        SignalSummary(intersections=len(ids), ids=tuple(ids), phases=phases, always_green=always)
+        for (phases, always), ids in sorted(kinds.items(), key=lambda kind: -len(kind[1]))
     )
 
 
