@@ -50,6 +50,11 @@ class VehicleType(Settings):
         """[m] of a lane that a standing vehicle takes, its gap included."""
         return self.length + self.min_gap
 
+    @property
+    def headway(self) -> float:
+        """[s] between vehicles that follow each other at full speed."""
+        return self.tau + self.spacing / self.max_speed
+
     def as_xml(self, name: str) -> str:
         """SUMO's ``vType`` element."""
         return (
@@ -183,8 +188,20 @@ class DiffusionSettings(Settings):
 
     weights: str = "universal"  # a name or a path (see ``controllers.diffusion_weights``)
     sampling_steps: int | None = Field(None, ge=1)  # see ``reverse_steps``
-    samples: int = Field(4, ge=1)  # of what may be where nothing is seen, for scoring "value"
-    scoring: Literal["inverse", "queue", "mixed", "value"] = "value"  # controller difflight only
+    samples: int = Field(4, ge=1)  # of what may be where nothing is seen (see ``is_sampled``)
+    scoring: Literal["inverse", "queue", "mixed", "value", "horizon", "blend"] = (
+        "blend"  # controller difflight only (see ``controllers.difflight.Scoring``)
+    )
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether phases are scored in several samples of what may be."""
+        return self.scoring in ("value", "horizon", "blend")
+
+    @property
+    def uses_values(self) -> bool:
+        """Whether Q-networks score phases."""
+        return self.scoring in ("value", "blend")
 
     def reverse_steps(self, guided: bool) -> tuple[int, int]:
         """Reverse steps a decision where there are sensors, and at intersections without any."""

@@ -20,7 +20,7 @@ from tests.controllers.planning import (
 )
 from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers import planner
+from tsc_missing.controllers import difflight, planner
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.difflight import DiffLight, best_finite, nothing_known
 from tsc_missing.controllers.fallback import Safe
@@ -28,12 +28,15 @@ from tsc_missing.controllers.planner import Planner
 from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.controllers.registry import controller_of
 from tsc_missing.errors import UserError
+from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.networks import PhaseValue
 from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.weights import find
 
-SCORINGS = pytest.mark.parametrize("scoring", ["inverse", "queue", "mixed", "value"])
+SCORINGS = pytest.mark.parametrize(
+    "scoring", ["inverse", "queue", "mixed", "value", "horizon", "blend"]
+)
 GRID = grid_network(2, 3)
 
 
@@ -55,7 +58,7 @@ def make(weights, values):
     """DiffLight by its scoring."""
 
     def made(scoring, steps, diffusion=weights):
-        return DiffLight(diffusion, steps, scoring, [values] if scoring == "value" else [])
+        return DiffLight(diffusion, steps, scoring, [values] if scoring in ("value", "blend") else [])
 
     return made
 
@@ -235,6 +238,17 @@ class TestSamples:
             observation.values[:, 4] = 1.0
             controller.decide(observation)
             assert len(controller._planned.samples) == 1
+
+
+def test_blend_adds_values_and_plans_in_the_same_unit(make):
+    ways = {scoring: make(scoring, 3) for scoring in ("value", "horizon", "blend")}
+    for controller in ways.values():
+        run(controller, GRID)
+    planned = ways["blend"]._planned
+    scores = {scoring: controller._scores(planned) for scoring, controller in ways.items()}
+    np.testing.assert_allclose(scores["blend"], scores["value"] + scores["horizon"])
+    settings = LookaheadSettings(nets=("jinan_1",))
+    assert difflight.VALUE_UNIT == settings.reward_scale * context_for(GRID).decision_interval
 
 
 def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):

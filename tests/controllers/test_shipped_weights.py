@@ -14,7 +14,7 @@ from tsc_missing.weights.file import read_tensors
 from tsc_missing.weights.find import FOLDER, find_weights, packaged_weights
 
 GRID = grid_network(2, 3)
-GOLDEN = [
+GOLDEN_VALUES = [
     [2, 1, 1, 1, 2, 3],
     [1, 2, 1, 0, 3, 0],
     [0, 2, 2, 1, 3, 0],
@@ -23,6 +23,16 @@ GOLDEN = [
     [3, 1, 3, 2, 2, 1],
     [0, 2, 2, 0, 2, 0],
     [1, 1, 1, 0, 2, 3],
+]
+GOLDEN = [
+    [2, 0, 0, 1, 2, 1],
+    [1, 2, 0, 0, 0, 1],
+    [0, 1, 1, 1, 3, 0],
+    [0, 0, 1, 2, 3, 0],
+    [0, 0, 0, 1, 2, 2],
+    [0, 0, 3, 2, 2, 0],
+    [0, 0, 2, 3, 2, 1],
+    [0, 1, 2, 0, 3, 2],
 ]
 NEAR_TIES = 2  # decisions that another processor's rounding of bf16 may turn
 LARGEST = 3e6  # [bytes] of a file
@@ -38,6 +48,11 @@ def test_golden_decisions():
     found = decisions("difflight")
     assert found.shape == (8, 6)
     assert (found != np.array(GOLDEN)).sum() <= NEAR_TIES
+
+
+def test_golden_decisions_by_values():
+    found = decisions("difflight", diffusion={"scoring": "value"})
+    assert (found != np.array(GOLDEN_VALUES)).sum() <= NEAR_TIES
 
 
 def test_the_default_is_difflight():

@@ -13,6 +13,8 @@ from tsc_missing.controllers.max_pressure import MaxPressure
 from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.own import FIELD
 from tsc_missing.controllers.random_phases import RandomPhases
+from tsc_missing.controllers.rolling_horizon import NAME as ROLLING_HORIZON
+from tsc_missing.controllers.rolling_horizon import RollingHorizon
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.own_code import is_own, own_class
 from tsc_missing.simulation.native import AS_BUILT, KINDS
@@ -28,6 +30,7 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "max-pressure": MaxPressure,
     "max-queue": MaxQueue,
     "random": RandomPhases,
+    ROLLING_HORIZON: RollingHorizon,
 }
 
 # Apart from the others, because they need weights:
@@ -66,5 +69,10 @@ def looks_at_nothing(name: str) -> bool:
 
 
 def by_value(name: str, diffusion: DiffusionSettings) -> bool:
-    """Whether it is DiffLight that decides by the values of a Q-network."""
-    return name == DIFFLIGHT and diffusion.scoring == "value"
+    """Whether it is DiffLight that decides by the values of Q-networks, alone or beside a plan."""
+    return name == DIFFLIGHT and diffusion.uses_values
+
+
+def by_samples(name: str, diffusion: DiffusionSettings) -> bool:
+    """Whether it is DiffLight that scores phases in several samples of what may be."""
+    return name == DIFFLIGHT and diffusion.is_sampled

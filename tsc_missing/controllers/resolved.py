@@ -2,7 +2,13 @@
 
 from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
-from tsc_missing.controllers.catalogue import DIFFLIGHT, by_value, is_learned, needs_values
+from tsc_missing.controllers.catalogue import (
+    DIFFLIGHT,
+    by_samples,
+    by_value,
+    is_learned,
+    needs_values,
+)
 from tsc_missing.controllers.difflight import is_guided
 from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion_of
 from tsc_missing.imputation.registry import DIFFUSION
@@ -63,10 +69,10 @@ def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
 
     The fixed cycle; but none for ``difflight-paper`` and for own controllers that fill holes
     themselves; with the diffusion imputer it runs only at intersections of a kind that its packaged
-    weights never saw (``learned_kind``), and for ``difflight`` by values there and where two
-    adjacent intersections are blind, without a sensor or for long.
+    weights never saw (``learned_kind``), and for ``difflight`` that draws samples of what may be
+    there and where two adjacent intersections are blind, without a sensor or for long.
     """
-    if by_value(name, diffusion):
+    if by_samples(name, diffusion):
         return "clustered"
     if name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name)):
         return "none"
@@ -77,7 +83,7 @@ def min_space_of(settings: RunSettings) -> int:
     """The space [vehicles a lane] that ``Spillback`` keeps free in a run; 0 for none."""
     space = settings.signals.min_space
     if space is None:
-        return MIN_SPACE if by_value(settings.controller, settings.diffusion) else 0
+        return MIN_SPACE if by_samples(settings.controller, settings.diffusion) else 0
     return space
 
 

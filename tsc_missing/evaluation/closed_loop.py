@@ -109,6 +109,8 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         min_steps=np.array([signals.min_steps_at(node) for node in scene.network.intersections]),
         seed=int(stream(settings.seed, "controller").integers(2**31)),
         spacing=settings.vehicle.spacing,
+        headway=settings.vehicle.headway,
+        max_speed=settings.vehicle.max_speed,
         detector_length=settings.sensor.reach,
     )
 
