@@ -188,20 +188,10 @@ class DiffusionSettings(Settings):
 
     weights: str = "universal"  # a name or a path (see ``controllers.diffusion_weights``)
     sampling_steps: int | None = Field(None, ge=1)  # see ``reverse_steps``
-    samples: int = Field(4, ge=1)  # of what may be where nothing is seen (see ``is_sampled``)
-    scoring: Literal["inverse", "queue", "mixed", "value", "horizon", "blend"] = (
-        "blend"  # controller difflight only (see ``controllers.difflight.Scoring``)
+    samples: int = Field(4, ge=1)  # of what may be where nothing is seen, for scoring "value"
+    scoring: Literal["inverse", "queue", "mixed", "value", "horizon"] = (
+        "horizon"  # controller difflight only (see ``controllers.difflight.Scoring``)
     )
-
-    @property
-    def is_sampled(self) -> bool:
-        """Whether phases are scored in several samples of what may be."""
-        return self.scoring in ("value", "horizon", "blend")
-
-    @property
-    def uses_values(self) -> bool:
-        """Whether Q-networks score phases."""
-        return self.scoring in ("value", "blend")
 
     def reverse_steps(self, guided: bool) -> tuple[int, int]:
         """Reverse steps a decision where there are sensors, and at intersections without any."""
@@ -226,6 +216,8 @@ class RunSettings(Settings):
     signals: SignalSettings = SignalSettings()
     sensor: SensorSettings = SensorSettings()
     vehicle: VehicleType = VehicleType()
+    count_error: float = Field(0.0, ge=0, le=2)  # of the turning counts that controllers are told:
+    # the standard deviation of their logarithm, drawn with the seed for each movement
     horizon: int = Field(3600, gt=0)  # [s]
     seed: int = Field(0, ge=0, lt=SEEDS)
     mask_seed: int | None = Field(None, ge=0, lt=SEEDS)  # of the mask alone; None: seed

@@ -20,23 +20,21 @@ from tests.controllers.planning import (
 )
 from tests.networks import context_for, grid_network, tee_network
 from tsc_missing.config import RunSettings
-from tsc_missing.controllers import difflight, planner
+from tsc_missing.controllers import planner
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.difflight import DiffLight, best_finite, nothing_known
 from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.planner import Planner
 from tsc_missing.controllers.recent import RecentSteps
 from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.rolling_horizon import HorizonPlans
 from tsc_missing.errors import UserError
-from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.qlearning.controller import PhaseValues
 from tsc_missing.qlearning.networks import PhaseValue
 from tsc_missing.qlearning.weights import save_q_network
 from tsc_missing.weights import find
 
-SCORINGS = pytest.mark.parametrize(
-    "scoring", ["inverse", "queue", "mixed", "value", "horizon", "blend"]
-)
+SCORINGS = pytest.mark.parametrize("scoring", ["inverse", "queue", "mixed", "value", "horizon"])
 GRID = grid_network(2, 3)
 
 
@@ -58,7 +56,9 @@ def make(weights, values):
     """DiffLight by its scoring."""
 
     def made(scoring, steps, diffusion=weights):
-        return DiffLight(diffusion, steps, scoring, [values] if scoring in ("value", "blend") else [])
+        return DiffLight(
+            diffusion, steps, scoring, [values] if scoring in ("value", "blend") else []
+        )
 
     return made
 
@@ -240,15 +240,28 @@ class TestSamples:
             assert len(controller._planned.samples) == 1
 
 
-def test_blend_adds_values_and_plans_in_the_same_unit(make):
-    ways = {scoring: make(scoring, 3) for scoring in ("value", "horizon", "blend")}
-    for controller in ways.values():
-        run(controller, GRID)
-    planned = ways["blend"]._planned
-    scores = {scoring: controller._scores(planned) for scoring, controller in ways.items()}
-    np.testing.assert_allclose(scores["blend"], scores["value"] + scores["horizon"])
-    settings = LookaheadSettings(nets=("jinan_1",))
-    assert difflight.VALUE_UNIT == settings.reward_scale * context_for(GRID).decision_interval
+@pytest.mark.parametrize("dark", [[], [1, 4]])
+def test_horizon_plans_on_a_model_that_the_generated_present_corrects(make, monkeypatch, dark):
+    """What was observed is taken as it is; elsewhere the guess has a small part."""
+    controller, given = make("horizon", 3), []
+    plain = HorizonPlans.costs
+
+    def watched(self, observation, guess=None):
+        given.append(guess)
+        return plain(self, observation, guess)
+
+    monkeypatch.setattr(HorizonPlans, "costs", watched)
+    controller.reset(context_for(GRID))
+    for observation in observations(GRID):
+        observation.mask[dark] = False
+        observation.values[dark] = np.nan
+        phases = controller.decide(observation)
+        believed, seen = controller.estimates(), observation.mask
+        np.testing.assert_array_equal(given[-1], np.maximum(controller._planned.present, 0))
+        np.testing.assert_array_equal(believed[seen], observation.values[seen])
+        assert np.isfinite(believed).all()
+        assert GRID.phase_mask[np.arange(GRID.n), phases].all()
+    assert len(given) == STEPS
 
 
 def test_mixed_scores_by_queue_where_there_is_no_sensor(weights):

@@ -5,12 +5,15 @@ import pytest
 
 from tests.controllers.helpers import context, cross_and_tee, observe
 from tests.networks import grid_network, tee_network
-from tsc_missing.config import RunSettings
+from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.catalogue import CONTROLLERS, LEARNED, NATIVE, needs_values
 from tsc_missing.controllers.check import check_controller
+from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import BLIND, make_controller
 from tsc_missing.controllers.resolved import resolved
+from tsc_missing.controllers.rolling_horizon import RollingHorizon
+from tsc_missing.controllers.spillback import Spillback
 from tsc_missing.errors import UserError
 from tsc_missing.imputation.base import Imputed
 
@@ -55,9 +58,12 @@ def test_the_default_settings_can_be_had():
 
 def test_what_the_default_settings_are_in_a_run():
     turns = ["lookahead", "lookahead-second", "lookahead-first"]
-    shipped = {"min_space": 9, "sampling_steps": [3, 8], "weights": ["universal", *turns]}
-    assert resolved(DEFAULTS) == {"blind": "clustered", **shipped}
-    given = RunSettings(q_weights="lookahead, mine")
+    shipped = {"min_space": 0, "sampling_steps": [3, 8], "weights": ["universal"]}
+    assert resolved(DEFAULTS) == {"blind": "none", **shipped}
+    values = RunSettings(diffusion={"scoring": "value"})
+    roomy = {"min_space": 9, "weights": ["universal", *turns]}
+    assert resolved(values) == {"blind": "clustered", **shipped, **roomy}
+    given = values.model_copy(update={"q_weights": "lookahead, mine"})
     assert resolved(given)["weights"] == ["universal", "lookahead", "mine"]
     inverse = RunSettings(diffusion={"scoring": "inverse"})
     guided = {"min_space": 0, "sampling_steps": [10, 10], "weights": ["universal"]}
@@ -74,8 +80,10 @@ def test_what_the_default_settings_are_in_a_run():
 @pytest.mark.parametrize(
     ("given", "rule"),
     [
-        ({}, "clustered"),
-        ({"imputer": "diffusion"}, "clustered"),
+        ({}, "none"),
+        ({"controller": "rolling-horizon"}, "none"),
+        ({"diffusion": {"scoring": "value"}}, "clustered"),
+        ({"diffusion": {"scoring": "value"}, "imputer": "diffusion"}, "clustered"),
         ({"diffusion": {"scoring": "queue"}}, "fixed-time"),
         ({"controller": "max-queue"}, "fixed-time"),
         ({"controller": "max-queue", "imputer": "diffusion"}, "familiar"),
@@ -118,7 +126,6 @@ def test_random_takes_every_phase_that_is_there_about_equally_often():
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        ("difflight", "tsc-train lookahead"),
         ("attendlight", "tsc-train attendlight"),
         ("bc", "tsc-train bc --data data/jinan_1"),
     ],
@@ -126,3 +133,19 @@ def test_random_takes_every_phase_that_is_there_about_equally_often():
 def test_weights_of_a_policy_that_are_not_there_name_what_makes_such(name, command):
     with pytest.raises(UserError, match=f"`{command}` makes some"):
         make_controller(name, "sfm", "none", q_weights="nowhere", net="jinan_1")
+
+
+@needs_torch
+def test_values_that_are_not_there_name_what_makes_such():
+    by_value = DiffusionSettings(scoring="value")
+    with pytest.raises(UserError, match="`tsc-train lookahead` makes some"):
+        make_controller("difflight", "sfm", "none", by_value, q_weights="nowhere")
+
+
+def test_a_plan_on_a_traffic_model_has_the_rules_that_are_asked_for():
+    plain = make_controller("rolling-horizon", "sfm", "auto")
+    assert isinstance(plain, RollingHorizon)
+    kept = make_controller("rolling-horizon", "sfm", "fixed-time", max_red=240, min_space=4)
+    assert isinstance(kept, Blind)
+    assert isinstance(kept.controller, MaxRed)
+    assert isinstance(kept.controller.controller, Spillback)

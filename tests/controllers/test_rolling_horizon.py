@@ -8,89 +8,94 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.controllers.helpers import A, B, context, cross_and_tee, observe, slot
+from tests.controllers.helpers import A, B, context, cross_and_tee, observe, slot, with_holes
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.max_queue import MaxQueue
-from tsc_missing.controllers.point_queues import APPROACH_LOSS, START_LOSS, YELLOW_USE, PointQueues
+from tsc_missing.controllers.point_queues import (
+    APPROACH_LOSS,
+    GAIN,
+    MEMORY,
+    START_LOSS,
+    YELLOW_USE,
+    PointQueues,
+)
 from tsc_missing.controllers.rolling_horizon import (
     AHEAD,
-    HISTORY,
     LEFT_OVER,
     LEFT_OVER_MORE,
-    PhaseCosts,
+    HorizonPlans,
     RollingHorizon,
 )
-from tsc_missing.imputation.base import Imputed
-from tsc_missing.imputation.last_value import LastValue
+from tsc_missing.controllers.spillback import storage
 
 NETWORK = cross_and_tee()
 TRAVEL = 30.0 + APPROACH_LOSS  # [s] along 300 m at 10 m/s
 HEADWAY = 2.5  # [s]
 CONTEXT = replace(context(NETWORK), headway=HEADWAY, max_speed=20.0)
 STRAIGHT = slot("W-straight")
-
-
-def history(*counts, queue=None, slots=(A, STRAIGHT), network=NETWORK):
-    """(1, C, N, 12, F): the last counts of one slot, and its queues, zeros elsewhere."""
-    values = np.zeros((1, len(counts), *network.slot_mask.shape, 2))
-    values[0, :, *slots, 0] = counts
-    values[0, :, *slots, 1] = queue or [0] * len(counts)
-    return values
-
-
-def no_green(steps=HISTORY, network=NETWORK):
-    return np.zeros((steps, *network.slot_mask.shape), dtype=bool)
+HOLES = st.integers(0, 10**6)
 
 
 def roads(given=CONTEXT, hold=1, ahead=AHEAD):
-    return PointQueues(given, HISTORY, ahead, hold)
+    return PointQueues(given, ahead, hold)
 
 
-def random_values(seed, samples=1, network=NETWORK, most=12):
-    random = np.random.default_rng(seed)
-    queue = random.integers(0, most, (samples, HISTORY, *network.slot_mask.shape))
-    running = random.integers(0, most, queue.shape)
-    values = np.stack([queue + running, queue], axis=-1).astype(float)
-    return values * network.slot_mask[..., None]
+def seen(vehicles=None, queue=None, green=()):
+    """Everything reported: zeros but for what is named, red but for the slots (n, name)."""
+    red = np.ones_like(NETWORK.slot_mask, dtype=np.int64)
+    for n, name in green:
+        red[n, slot(name)] = 0
+    return replace(observe(NETWORK, vehicles, queue), red_steps=red)
 
 
-def random_green(seed, network=NETWORK):
-    random = np.random.default_rng(seed)
-    phases = random.integers(0, network.phase_mask.sum(axis=1), (HISTORY, network.n))
-    return network.phases[np.arange(network.n), phases] | network.free_slots
+def after(model, *observations):
+    return [model.take(one) for one in observations][-1]
+
+
+def counts(*vehicles, green=(), name="W-straight", queue=0):
+    return [seen({(A, name): v}, {(A, name): queue}, green) for v in vehicles]
+
+
+def random_observation(random, holes=0.0):
+    queue = random.integers(0, 9, NETWORK.slot_mask.shape) * NETWORK.slot_mask
+    vehicles = queue + random.integers(0, 9, queue.shape) * NETWORK.slot_mask
+    phases = random.integers(0, NETWORK.phase_mask.sum(axis=1))
+    green = NETWORK.phases[np.arange(NETWORK.n), phases] | NETWORK.free_slots
+    values = np.stack([vehicles, queue], axis=2).astype(float)
+    whole = replace(observe(NETWORK), values=values, red_steps=np.where(green, 0, 3))
+    hidden = (random.random(queue.shape) < holes) & NETWORK.slot_mask
+    return with_holes(whole, hidden)
 
 
 def test_who_enters_reaches_the_stop_line_after_the_time_of_the_road():
-    traffic = roads().estimate(history(0, 0, 0, 0, 3), no_green())
-    # three entered in the last 15 s, evenly; they arrive from 34 - 15 = 19 s to 34 s from now
-    got = traffic.arrivals[:, 0, A, STRAIGHT]
+    traffic = after(roads(), *counts(0, 0, 3))
+    # three entered in the last 15 s, evenly: they arrive from 34 - 15 = 19 s to 34 s from now
+    got = traffic.arrivals[:, A, STRAIGHT]
     assert np.allclose(got[:3], 0)
     assert got[3] == pytest.approx(3 * (20 - 19) / 15)
     assert got.sum() == pytest.approx(3)
     assert np.allclose(got[7:], 0)
-    assert traffic.queue[0, A, STRAIGHT] == 0
-    assert traffic.inflow[0, A, STRAIGHT] == pytest.approx(3 / 60)
+    assert traffic.queue[A, STRAIGHT] == 0
+    assert traffic.inflow[A, STRAIGHT] == pytest.approx(MEMORY * 3 / 15)
 
 
 def test_who_has_been_on_the_road_for_longer_waits_at_its_end():
-    traffic = roads().estimate(history(0, 4, 4, 4, 4), no_green())
-    assert traffic.queue[0, A, STRAIGHT] == pytest.approx(4)
+    traffic = after(roads(), *counts(0, 4, 4, 4, 4))
+    assert traffic.queue[A, STRAIGHT] == pytest.approx(4)
     assert np.allclose(traffic.arrivals, 0)
 
 
 def test_a_queue_that_is_seen_counts_even_if_the_model_has_it_under_way():
-    values = history(0, 0, 0, 0, 5, queue=[0, 0, 0, 0, 4])
-    traffic = roads().estimate(values, no_green())
-    assert traffic.queue[0, A, STRAIGHT] == 4
-    assert traffic.arrivals[:, 0, A, STRAIGHT].sum() == pytest.approx(1)
+    traffic = after(roads(), *counts(0, 0), *counts(5, queue=4))
+    assert traffic.queue[A, STRAIGHT] == 4
+    assert traffic.arrivals[:, A, STRAIGHT].sum() == pytest.approx(1)
 
 
 def test_who_left_under_green_is_made_up_for_by_who_entered():
-    green = no_green()
-    green[:, A, STRAIGHT] = True
-    values = history(10, 10, 10, 10, 10, queue=[10] * 5)
-    traffic = roads().estimate(values, green)
-    assert traffic.inflow[0, A, STRAIGHT] == pytest.approx(1 / HEADWAY)
+    model = roads()
+    green = [(A, "W-straight")]
+    traffic = after(model, *counts(*[10] * 200, green=green, queue=10))
+    assert traffic.inflow[A, STRAIGHT] == pytest.approx(1 / HEADWAY, rel=1e-3)
 
 
 def test_green_that_begins_loses_the_yellow_and_the_start():
@@ -113,39 +118,89 @@ def test_a_stage_of_several_steps_loses_time_once():
 
 def test_area_detectors_see_who_is_near_only():
     near = roads(replace(CONTEXT, detector_length=50.0))
-    traffic = near.estimate(history(0, 0, 0, 0, 3), no_green())
-    assert traffic.queue[0, A, STRAIGHT] == pytest.approx(3 * (15 - 9) / 15)  # 9 s to the line
-    assert traffic.arrivals[:2, 0, A, STRAIGHT].sum() == pytest.approx(3 * 9 / 15)
+    traffic = after(near, *counts(0, 0, 3))
+    assert traffic.queue[A, STRAIGHT] == pytest.approx(3 * (15 - 9) / 15)  # 9 s to the line
+    assert traffic.arrivals[:2, A, STRAIGHT].sum() == pytest.approx(3 * 9 / 15)
 
 
-@given(st.integers(0, 10**6), st.integers(1, 3))
+@pytest.mark.parametrize(("interval", "substep"), [(15.0, 5.0), (4.0, 4.0), (12.0, 6.0)])
+def test_steps_are_whole_parts_of_a_decision_step(interval, substep):
+    given = replace(CONTEXT, decision_interval=interval, lost_time=3.0)
+    assert roads(given).substep == pytest.approx(substep)
+
+
+@given(HOLES, st.integers(1, 9), st.booleans())
 @settings(max_examples=40, deadline=None)
-def test_nobody_is_made_up_or_lost(seed, samples):
-    values = random_values(seed, samples)
-    traffic = roads(ahead=6).estimate(values, random_green(seed))
-    vehicles, queue = values[:, -1, :, :, 0], values[:, -1, :, :, 1]
+def test_nobody_is_made_up_or_lost(seed, steps, guessed):
+    random = np.random.default_rng(seed)
+    model = roads(ahead=6)  # 90 s, longer than the road
+    for _ in range(steps):
+        observation = random_observation(random, holes=0.4)
+        guess = random.uniform(0, 20, (2, 12, 2)) if guessed else None
+        traffic = model.take(observation, guess)
+    there = NETWORK.slot_mask
+    vehicles, queue = observation.values[..., 0], observation.values[..., 1]
+    known = observation.mask & there
     arriving = traffic.arrivals.sum(axis=0)
-    assert (traffic.queue >= queue - 1e-9).all()
     assert (traffic.arrivals >= 0).all()
     assert (traffic.inflow >= 0).all()
-    assert (traffic.queue <= np.maximum(vehicles, queue) + 1e-9).all()
-    assert (traffic.queue + arriving <= vehicles + 1e-9).all()
-    # after 90 s, longer than the road, all of them have arrived
-    assert np.allclose((traffic.queue + arriving), vehicles)
+    assert (traffic.queue[known] >= queue[known] - 1e-9).all()
+    room = storage(NETWORK, CONTEXT.spacing)
+    assert (model.values[..., 0][~known & there] <= room[~known & there] + 1e-9).all()
+    if steps > 1:  # what is seen first is taken to have just entered
+        assert np.allclose((traffic.queue + arriving)[known], vehicles[known])
+        assert np.allclose((traffic.queue + arriving)[there], model.values[..., 0][there])
 
 
-@given(st.integers(0, 10**6))
-@settings(max_examples=20, deadline=None)
-def test_later_arrivals_are_who_enters_soon_enough(seed):
+def test_a_silent_road_gets_what_is_let_go_upstream():
+    """A's queue has green; B does not report, and A's left turn and others send nothing."""
     model = roads()
-    entering = np.random.default_rng(seed).uniform(
-        0, 2, (model.horizon, 1, *NETWORK.phases[:, 0].shape)
-    )
-    later = model.later_arrivals(entering)
-    in_time = entering[: int((60 - TRAVEL) // 5)]
-    arrived = later[..., A, STRAIGHT].sum()
-    assert in_time[..., A, STRAIGHT].sum() - 1e-9 <= arrived
-    assert arrived <= entering[: len(in_time) + 1, ..., A, STRAIGHT].sum() + 1e-9
+    hidden = np.zeros_like(NETWORK.slot_mask)
+    hidden[B] = NETWORK.slot_mask[B]
+    green = [(A, "W-straight")]
+    for vehicles in (20, 15, 10):
+        values = {(A, "W-straight"): vehicles}
+        model.take(with_holes(seen(values, values, green), hidden))
+    west = [slot(f"W-{turn}") for turn in ("left", "straight", "right")]
+    first, second = (15 - 5 - START_LOSS) / HEADWAY, 15 / HEADWAY
+    assert model.values[B, west, 0].sum() == pytest.approx(min(first, second) + second, rel=0.4)
+    away = [slot("E-straight"), slot("S-left")]
+    assert np.allclose(model.values[B, away], 0)
+
+
+def test_turns_are_those_of_the_counts_at_first():
+    flows = {(B, "W-straight"): 300.0, (B, "W-right"): 100.0}
+    model = roads(replace(context(NETWORK, flows), headway=HEADWAY))
+    assert model.turns[B, slot("W-straight")] == pytest.approx(0.75, abs=1e-3)
+    assert model.turns[A, STRAIGHT] == pytest.approx(1 / 3)
+    assert np.allclose(model.turns.reshape(2, 4, 3).sum(axis=2)[A], 1)
+    assert not model.turns[B][~NETWORK.slot_mask[B]].any()
+
+
+def test_a_guess_draws_what_is_not_seen_and_nothing_else():
+    hidden = np.zeros_like(NETWORK.slot_mask)
+    hidden[A, STRAIGHT] = True
+    guess = np.full((2, 12, 2), 10.0)
+    model = roads()
+    for step in range(1, 4):
+        model.take(with_holes(seen(), hidden), guess)
+        expected = 10 * (1 - (1 - GAIN) ** step)
+        assert model.values[A, STRAIGHT, 0] == pytest.approx(expected, rel=0.05)
+    assert not model.values[B].any()
+
+
+def test_who_enters_is_told_by_the_signals_upstream_when_in_the_step():
+    """A green at A that begins with the step lets nobody onto B's road before the yellow ends."""
+    model = roads()
+    waiting = {(A, "W-straight"): 20}
+    model.take(seen(waiting, waiting))
+    model.take(seen(waiting, waiting))
+    let_go = {(A, "W-straight"): 17, (B, "W-right"): 3}
+    traffic = model.take(seen(let_go, {(A, "W-straight"): 17}, [(A, "W-straight")]))
+    got = traffic.arrivals[:, B, slot("W-right")]
+    first = int((TRAVEL - 15 + 5) // 5)  # with an even inflow a third of them would come before
+    assert np.allclose(got[:first], 0)
+    assert got.sum() == pytest.approx(3)
 
 
 def costs_by_hand(queue, arrivals, green, n, network=NETWORK):
@@ -173,36 +228,29 @@ def costs_by_hand(queue, arrivals, green, n, network=NETWORK):
 
 @pytest.mark.parametrize("n", [A, B])
 def test_costs_are_those_of_the_best_plan(n):
-    values, green = random_values(3), random_green(4)
-    model = PhaseCosts(CONTEXT)
-    traffic = model._roads.estimate(values, green)
-    arrivals = traffic.arrivals[:, 0]
-    got = model._costs(traffic.queue, traffic.arrivals, green[-1])[n]
-    expected = costs_by_hand(traffic.queue[0], arrivals, green[-1], n)
+    random = np.random.default_rng(3)
+    model, observations = roads(), [random_observation(random) for _ in range(4)]
+    traffic = after(model, *observations)
+    green = observations[-1].red_steps == 0
+    got = HorizonPlans(CONTEXT)._costs(traffic.queue, traffic.arrivals, green)[n]
+    expected = costs_by_hand(traffic.queue, traffic.arrivals, green, n)
     first = got.reshape(4, -1).min(axis=1)
     assert np.allclose(first[: len(expected)], list(expected.values()))
     assert np.isinf(first[len(expected) :]).all()
 
 
-@given(st.integers(0, 10**6))
-@settings(max_examples=15, deadline=None)
-def test_a_plan_costs_the_mean_over_the_samples(seed):
-    values, green = random_values(seed, samples=3), random_green(seed)
-    model = PhaseCosts(CONTEXT)
-    traffic = model._roads.estimate(values, green)
-    parts = [model._roads.estimate(values[[k]], green) for k in range(3)]
-    together = model._costs(traffic.queue, traffic.arrivals, green[-1])
-    alone = [model._costs(part.queue, part.arrivals, green[-1]) for part in parts]
-    assert np.allclose(together, np.mean(alone, axis=0))
-    same = np.repeat(values[:1], 3, axis=0)
-    assert np.allclose(model.of(same, green), model.of(values[:1], green))
-
-
-def test_a_hole_spoils_its_intersection_and_what_it_feeds():
-    values = random_values(0)
-    values[0, 2, B, slot("E-straight")] = np.nan
-    costs = PhaseCosts(CONTEXT).of(values, random_green(0))
-    assert np.isnan(costs[B, :3]).any()
+@given(HOLES)
+@settings(max_examples=20, deadline=None)
+def test_what_is_under_the_mask_does_not_matter(seed):
+    plain, poisoned = HorizonPlans(CONTEXT), HorizonPlans(CONTEXT)
+    random = np.random.default_rng(seed)
+    for _ in range(4):
+        observation = random_observation(random, holes=0.5)
+        assert np.isnan(observation.values).any()
+        dirty = np.where(np.isnan(observation.values), 1e9, observation.values)
+        first = plain.costs(observation)
+        assert np.isfinite(first[NETWORK.phase_mask]).all()
+        np.testing.assert_array_equal(first, poisoned.costs(replace(observation, values=dirty)))
 
 
 def decide(controller, given, observations):
@@ -213,56 +261,49 @@ def decide(controller, given, observations):
 def test_a_platoon_is_served_when_it_arrives():
     """Six vehicles are about to reach the stop line; max-queue sees one that stands elsewhere."""
     queue = {(A, "N-straight"): 1}
-    seen = [
-        observe(NETWORK, {(A, "N-straight"): 1, (A, "W-straight"): count}, queue, phase=[0, 0])
-        for count in (0, 6, 6, 6)
+    observations = [
+        seen({(A, "N-straight"): 1, (A, "W-straight"): count}, queue) for count in (0, 6, 6, 6)
     ]
-    red = np.ones_like(NETWORK.slot_mask, dtype=np.int64)
-    seen = [replace(one, red_steps=red) for one in seen]
-    assert decide(MaxQueue(), CONTEXT, seen)[A] == 1
-    assert decide(RollingHorizon(), CONTEXT, seen)[A] == 0
+    assert decide(MaxQueue(), CONTEXT, observations)[A] == 1
+    assert decide(RollingHorizon(), CONTEXT, observations)[A] == 0
 
 
-def test_green_stays_for_who_comes_within_a_step():
-    """To change would lose the yellow: one vehicle elsewhere waits until the platoon is through."""
-    green = np.where(NETWORK.phases[:, 0], 0, 3)
+def test_green_stays_for_a_queue_that_is_not_through():
+    """To change would lose the yellow: two vehicles elsewhere wait."""
     queue = {(A, "N-straight"): 2, (A, "W-straight"): 9, (A, "E-straight"): 9}
-    seen = [replace(observe(NETWORK, queue, queue, phase=[0, 0]), red_steps=green)] * 3
-    assert decide(RollingHorizon(), CONTEXT, seen)[A] == 0
+    observations = [seen(queue, queue, [(A, "W-straight"), (A, "E-straight")])] * 3
+    assert decide(RollingHorizon(), CONTEXT, observations)[A] == 0
 
 
 def test_what_upstream_sends_is_expected():
-    """A road that is 20 s long: B is told of the queue that A is about to let go."""
-    short = cross_and_tee()
+    """A road that takes 10 s: B is told of the queue that A is about to let go."""
     lanes = {
         name: lane.model_copy(update={"length": 60.0}) if lane.road == "AB" else lane
-        for name, lane in short.record.lanes.items()
+        for name, lane in NETWORK.record.lanes.items()
     }
-    short = replace(short, record=short.record.model_copy(update={"lanes": lanes}))
-    given = replace(CONTEXT, network=short)
-    green = np.broadcast_to(np.where(short.phases[:, 0], 0, 9) == 0, (HISTORY, 2, 12))
-    values = np.zeros((1, HISTORY, 2, 12, 2))
-    values[0, :, B, slot("S-left")] = 2
-    quiet = PhaseCosts(given).of(values, green)[B]
-    values[0, :, A, STRAIGHT] = 20
-    busy = PhaseCosts(given).of(values, green)[B]
+    short = replace(NETWORK, record=NETWORK.record.model_copy(update={"lanes": lanes}))
+    green = [(A, "W-straight"), (A, "E-straight")]
+
+    def at_b(network, queue):
+        plans = HorizonPlans(replace(CONTEXT, network=network))
+        waits = {(B, "S-left"): 2, (A, "W-straight"): queue}
+        return [plans.costs(seen(waits, waits, green)) for _ in range(3)][-1][B, :3]
+
+    quiet, busy, far = at_b(short, 0), at_b(short, 20), at_b(NETWORK, 20)
     assert busy.min() > quiet.min()
-    far = PhaseCosts(CONTEXT).of(values, green)[B]  # 34 s away: only the end of the plan sees it
-    assert busy[2] > far[2]
+    assert busy[2] > far[2]  # 34 s away: seen by a plan's end only
 
 
 def test_long_minimum_greens_and_many_phases_make_plans_shorter_not_wrong():
-    long = replace(CONTEXT, min_steps=np.array([1, 3]))
-    assert PhaseCosts(long)._roads.stage == 9
-    fine = replace(CONTEXT, decision_interval=5.0, lost_time=3.0)
-    costs = PhaseCosts(fine)
-    assert costs._roads.stage == 3
-    assert np.isfinite(costs.of(random_values(1), random_green(1))[A]).all()
-    many = [[name] for name in ("N-left", "E-left", "S-left", "W-left", "N-straight", "S-straight")]
-    network = with_phases(many)
-    costs = PhaseCosts(replace(CONTEXT, network=network))
-    assert costs._ahead == 3
-    assert costs.of(random_values(2), random_green(2, network)).shape == (2, 6)
+    assert HorizonPlans(replace(CONTEXT, min_steps=np.array([1, 3])))._roads.stage == 9
+    fine = HorizonPlans(replace(CONTEXT, decision_interval=5.0, lost_time=3.0))
+    assert fine._roads.stage == 3
+    observation = random_observation(np.random.default_rng(1))
+    assert np.isfinite(fine.costs(observation)[A]).all()
+    names = ("N-left", "E-left", "S-left", "W-left", "N-straight", "S-straight")
+    many = HorizonPlans(replace(CONTEXT, network=with_phases([[name] for name in names])))
+    assert many._ahead == 3
+    assert many.costs(observation).shape == (2, 6)
 
 
 def with_phases(names):
@@ -278,20 +319,19 @@ def with_phases(names):
     return replace(NETWORK, record=NETWORK.record.model_copy(update={"intersections": nodes}))
 
 
-def test_it_conforms_behind_an_imputer():
-    check_controller(lambda: Imputed(LastValue(), RollingHorizon()), NETWORK)
+def test_it_conforms_without_an_imputer():
+    check_controller(RollingHorizon, NETWORK)
 
 
-def test_it_forgets_on_reset():
-    controller = RollingHorizon()
-    busy = observe(NETWORK, {(A, "N-left"): 9}, {(A, "N-left"): 9}, phase=[0, 0])
-    first = decide(controller, CONTEXT, [busy])
-    decide(controller, CONTEXT, [observe(NETWORK)] * 3)
-    assert decide(controller, CONTEXT, [busy]) == first
-    assert first[A] == 3
-
-
-@pytest.mark.parametrize(("interval", "substep"), [(15.0, 5.0), (4.0, 4.0), (12.0, 6.0)])
-def test_steps_are_whole_parts_of_a_decision_step(interval, substep):
-    given = replace(CONTEXT, decision_interval=interval, lost_time=3.0)
-    assert roads(given).substep == pytest.approx(substep)
+def test_estimates_are_what_was_seen_and_believed():
+    controller, random = RollingHorizon(), np.random.default_rng(5)
+    controller.reset(CONTEXT)
+    assert controller.estimates() is None
+    for _ in range(3):
+        observation = random_observation(random, holes=0.5)
+        controller.decide(observation)
+        got = controller.estimates()
+        np.testing.assert_array_equal(got[observation.mask], observation.values[observation.mask])
+        assert np.isfinite(got).all()
+    controller.reset(CONTEXT)
+    assert controller.estimates() is None

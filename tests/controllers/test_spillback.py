@@ -146,7 +146,8 @@ def test_it_conforms():
 
 def test_who_has_it():
     queue = RunSettings(controller="max-queue")
-    assert min_space_of(RunSettings()) == MIN_SPACE
+    assert min_space_of(RunSettings()) == 0
+    assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="value"))) == MIN_SPACE
     assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="inverse"))) == 0
     assert min_space_of(queue) == 0
     given_space = queue.signals.model_copy(update={"min_space": 4})

@@ -36,7 +36,11 @@ METHOD_GROUPS = (
     "diffusion",
     "q_weights",
 )  # settings that make a method,
-METHOD_KEYS = (("signals", "min_space"), ("signals", "max_red"))  # and so do these of other groups
+METHOD_KEYS = (  # and so do these
+    ("count_error",),
+    ("signals", "min_space"),
+    ("signals", "max_red"),
+)
 
 
 class RunSpec(Settings):

@@ -10,7 +10,6 @@ from tsc_missing.config import RunSettings
 from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
     NATIVE,
-    by_samples,
     by_value,
     is_learned,
     needs_values,
@@ -54,13 +53,12 @@ def _unused(prepared: Prepared) -> list[str]:
     settings, usual = prepared.settings, RunSettings()
     name, found, default = settings.controller, settings.diffusion, usual.diffusion
     values, decides = needs_values(name), by_value(name, found)
-    sampled = by_samples(name, found)
     generates = name in (DIFFLIGHT, DIFFLIGHT_PAPER) or (values and settings.imputer == DIFFUSION)
     given = (
         ("--imputer", settings.imputer, usual.imputer, values),
         ("--weights", found.weights, default.weights, generates),
         ("--sampling-steps", found.sampling_steps, default.sampling_steps, generates),
-        ("--samples", found.samples, default.samples, sampled),
+        ("--samples", found.samples, default.samples, decides),
         ("--scoring", found.scoring, default.scoring, name == DIFFLIGHT),
         ("--policy-weights", settings.q_weights, usual.q_weights, decides or is_learned(name)),
     )

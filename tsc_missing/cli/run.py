@@ -107,6 +107,13 @@ def run(
         Path | None,
         typer.Option(help="What is missing: the mask.npz of another run, or a CSV of outages."),
     ] = None,
+    count_error: Annotated[
+        float,
+        typer.Option(
+            help="How wrong the turning counts are that controllers are told: the standard "
+            "deviation of their logarithm, 0.3 for about 30 %."
+        ),
+    ] = DEFAULT.count_error,
     seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
     mask_seed: Annotated[
         int | None, typer.Option(help="Seed of the mask alone.", show_default="that of --seed")
@@ -195,6 +202,7 @@ def run(
             **({} if yellow is None else {"yellow": yellow}),
             **({} if min_green is None else {"min_green": min_green}),
         },
+        count_error=count_error,
         seed=seed,
         mask_seed=mask_seed,
         horizon=horizon,

@@ -65,14 +65,16 @@ def needs_values(name: str) -> bool:
 
 def looks_at_nothing(name: str) -> bool:
     """Whether no sensor of ours matters to it: a fixed plan, or a program that SUMO runs."""
+    if name == ROLLING_HORIZON:
+        return False
     return name in NATIVE or (name in CONTROLLERS and not CONTROLLERS[name]().needs_values)
 
 
+def by_model(name: str, diffusion: DiffusionSettings) -> bool:
+    """Whether it plans on a traffic model, which goes on where no sensor reports."""
+    return name == ROLLING_HORIZON or (name == DIFFLIGHT and diffusion.scoring == "horizon")
+
+
 def by_value(name: str, diffusion: DiffusionSettings) -> bool:
-    """Whether it is DiffLight that decides by the values of Q-networks, alone or beside a plan."""
-    return name == DIFFLIGHT and diffusion.uses_values
-
-
-def by_samples(name: str, diffusion: DiffusionSettings) -> bool:
-    """Whether it is DiffLight that scores phases in several samples of what may be."""
-    return name == DIFFLIGHT and diffusion.is_sampled
+    """Whether it is DiffLight that decides by the values of a Q-network."""
+    return name == DIFFLIGHT and diffusion.scoring == "value"

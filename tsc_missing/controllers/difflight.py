@@ -10,7 +10,7 @@ import numpy as np
 
 from tsc_missing.config import GUIDED_STEPS
 from tsc_missing.controllers.base import ControlContext, Controller
-from tsc_missing.controllers.rolling_horizon import PhaseCosts
+from tsc_missing.controllers.rolling_horizon import HorizonPlans
 from tsc_missing.controllers.scores import TIE_DECIMALS, phase_scores
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray
@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # torch takes seconds and 200 MB: only runs that use it impor
     from tsc_missing.controllers.planner import Planned, Planner
     from tsc_missing.qlearning.controller import PhaseValues
 
-Scoring = Literal["inverse", "queue", "mixed", "value", "horizon", "blend"]
+Scoring = Literal["inverse", "queue", "mixed", "value", "horizon"]
 """How phases are scored on a plan.
 
 ``inverse``: by the inverse dynamics from the present to the planned next step (the paper).
@@ -29,12 +29,10 @@ Scoring = Literal["inverse", "queue", "mixed", "value", "horizon", "blend"]
 as ``queue`` where it has none.
 ``value``: by a Q-network on the present, imputed where not observed; where an intersection is not
 seen at all, by the mean over several samples of it.
-``horizon``: by the best plan of the next minute (``rolling_horizon.PhaseCosts``), on the same
-samples.
-``blend``: by ``value`` and ``horizon`` together, which are estimates of the same waiting.
+``horizon``: by the waiting of the best plan of the next minute that begins with a phase, made on a
+traffic model (``rolling_horizon.HorizonPlans``) whose belief of what is not observed the present
+corrects.
 """
-
-VALUE_UNIT = 40.0 * 15.0  # [vehicle-seconds] that a value of 1 is (``LookaheadSettings``)
 
 NO_PHASE = -1  # the answer where the model gave no number
 
@@ -60,18 +58,19 @@ class DiffLight(Controller):
 
         At intersections without a sensor ``blind_steps``, if there are more of them.
 
-        ``q_weights`` are those of Q-networks for the scorings "value" and "blend": the first
-        decides, and where nothing is known the mean over all of them and over ``samples`` of what
-        may be. Raises ``UserError`` for weights that cannot be used.
+        ``q_weights`` are those of Q-networks for the scoring "value": the first decides, and where
+        nothing is known the mean over all of them and over ``samples`` of what may be. Raises
+        ``UserError`` for weights that cannot be used.
         """
-        copies = samples if scoring in ("value", "horizon", "blend") else 1
+        copies = samples if scoring == "value" else 1
         self._planner = load_planner(
             weights, sampling_steps, is_guided(scoring), copies, blind_steps
         )
         self._scoring = scoring
         self._q = [load_q(path, self._planner) for path in q_weights]
         self._planned: Planned | None = None
-        self._costs: PhaseCosts | None = None
+        self._plans: HorizonPlans | None = None
+        self._believed: FloatArray | None = None
 
     @property
     def is_published(self) -> bool:
@@ -85,18 +84,24 @@ class DiffLight(Controller):
         self._by_inverse = self._where_inverse(context)
         self._planner.reset(context)
         self._values = [make(context) for make in self._q]
-        self._costs = None
-        if self._scoring in ("horizon", "blend"):
-            self._costs = PhaseCosts(context, self._planner.model.config.history)
+        self._believed = None
+        self._plans = HorizonPlans(context) if self._scoring == "horizon" else None
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the phase with the highest score; ties go to the lowest phase."""
-        self._planned = None
+        self._planned = self._believed = None
         self._planned = self._planner.plan(observation)
-        return best_finite(self._scores(self._planned))
+        if self._plans is None:
+            return best_finite(self._scores(self._planned))
+        guess = np.maximum(self._planned.present, 0.0)
+        costs = self._plans.costs(observation, guess)
+        self._believed = self._plans.believed(observation)
+        return best_finite(-costs)
 
     def estimates(self) -> FloatArray | None:
-        """(N, 12, F) [vehicles]: the present of the last decision, without holes."""
+        """(N, 12, F) [vehicles]: the present that the last decision was based on, without holes."""
+        if self._plans is not None:
+            return self._believed
         return None if self._planned is None else self._planned.present
 
     def plans(self) -> FloatArray | None:
@@ -111,19 +116,10 @@ class DiffLight(Controller):
 
     def _scores(self, planned: Planned) -> FloatArray:
         """(N, P), -inf without the phase."""
-        if self._costs is not None:
-            plans = -self._mean_costs(self._costs, planned) / VALUE_UNIT
-            return plans + self._mean_values(planned) if self._values else plans
         if self._values:
             return self._mean_values(planned)
         queues = phase_scores(self._network, planned.present[:, :, QUEUE])
         return np.where(self._by_inverse[:, None], planned.logits, queues)
-
-    @staticmethod
-    def _mean_costs(costs: PhaseCosts, planned: Planned) -> FloatArray:
-        """(N, P) [vehicle-seconds] of the plans that are best in the mean over the samples."""
-        green = (planned.red_steps == 0).swapaxes(0, 1)
-        return costs.of(planned.samples.swapaxes(1, 2), green)
 
     def _mean_values(self, planned: Planned) -> FloatArray:
         """(N, P): of the first Q-network, of all of them where nothing is known."""

@@ -5,30 +5,34 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from tsc_missing.controllers.base import ControlContext
+from tsc_missing.controllers.recent import reported
+from tsc_missing.controllers.spillback import storage
 from tsc_missing.network.model import BoolArray, FloatArray, Network
-from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.sensing.observation import QUEUE, VEHICLES
+from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS
+from tsc_missing.sensing.observation import QUEUE, VEHICLES, Observation
 
 SUBSTEP = 5.0  # [s] about which the model steps: the yellow of the paper's signals
 START_LOSS = 1.5  # [s] of a green until vehicles leave at the saturation headway
 YELLOW_USE = 1.0  # [s] of a yellow in which vehicles still leave
 APPROACH_LOSS = 4.0  # [s] that a vehicle takes longer to the stop line than at the speed limit
+MEMORY = 0.05  # weight of a decision step's inflow in the usual inflow
+GAIN = 0.1  # part of the difference to a guess by which a prediction is corrected in a step
+TINY = 1e-9  # [vehicles] that keep shares of nobody defined
+LITTLE = 1e-4  # [vehicles/s] of a slot, so that turns are defined without inflow
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """What the model makes of the last observations, in M samples of what may be.
+    """What the model believes of the roads now.
 
-    ``inflow`` is that of the last steps in the mean; vehicles that are yet to come in are in
-    neither of the other two.
+    Vehicles that are yet to come onto the road are in neither of the first two.
     """
 
-    queue: FloatArray  # (M, N, 12) [vehicles] that would be at the stop line now if nobody queued
-    arrivals: FloatArray  # (T, M, N, 12) [vehicles] now on the road who reach it in each substep
-    inflow: FloatArray  # (M, N, 12) [vehicles/s] that enter the road
+    queue: FloatArray  # (N, 12) [vehicles] that would be at the stop line now if nobody queued
+    arrivals: FloatArray  # (T, N, 12) [vehicles] now on the road who reach it in each substep
+    inflow: FloatArray  # (N, 12) [vehicles/s] that usually enter the road
 
 
 class PointQueues:
@@ -40,20 +44,26 @@ class PointQueues:
     of each lane, but not in the yellow before and ``START_LOSS`` after it; under a yellow that ends
     a green for ``YELLOW_USE``.
 
-    When vehicles entered is told by the counts: inflow = change of the count + outflow, where the
-    outflow is the model's own. What it gets wrong does not add up, since in every step
-    queue = max(observed queue, observed vehicles - those who are still under way).
+    Who enters in a decision step is predicted: who leaves upstream, by the turns that are usual; on
+    roads that no signal feeds, the usual inflow. Where a sensor reports, its count corrects that,
+
+        inflow = change of the count + outflow,    queue = max(observed queue, count - under way),
+
+    where the outflow is the model's own, and only the rest of the count is under way: what the
+    model gets wrong does not add up. Where none does the prediction stands, drawn by ``GAIN``
+    towards a guess if there is one, and kept to what the road has room for. When in the step they
+    entered is told by the outflow upstream.
+    The usual inflow begins with the turning counts, and follows what is observed or guessed.
     """
 
-    def __init__(self, context: ControlContext, history: int, ahead: int, hold: int) -> None:
-        """To look ``ahead`` stages of ``hold`` decision steps on from ``history`` observations.
+    def __init__(self, context: ControlContext, ahead: int, hold: int) -> None:
+        """Empty roads; to look ``ahead`` stages of ``hold`` decision steps on.
 
         A stage is a time in which no signal changes.
         """
         self.network = context.network
         self._interval = context.decision_interval
         self._lost = context.lost_time
-        self._history = history
         self._headway = context.headway
         self.substeps = max(1, round(self._interval / SUBSTEP))  # of a decision step
         self.substep = self._interval / self.substeps  # [s]
@@ -61,34 +71,104 @@ class PointQueues:
         self.horizon = ahead * self.stage  # substeps
         self._travel = _travel_time(context)
         self._lanes = _lanes(self.network)
-        self._shares = self._arrival_shares()
+        self._room = storage(self.network, context.spacing)
+        self._fed = (self.network.neighbours >= 0).any(axis=2)
+        self._lag = self._lags()
+        shape = self.network.slot_mask.shape
+        self._calendar = np.zeros((self.horizon + len(self._lag) + self.substeps, *shape))
+        self._queue = np.zeros(shape)
+        self._vehicles = np.zeros(shape)
+        self._inflow = context.turning_flows / 3600.0
+        self._green = np.zeros(shape, dtype=bool)
+        self._began = False
 
-    def estimate(self, values: FloatArray, green: BoolArray) -> Traffic:
-        """The traffic after C observations ``values`` (M, C, N, 12, F) without holes, C >= 2.
+    def take(self, observation: Observation, guess: FloatArray | None = None) -> Traffic:
+        """Take in the next observation of a run; ``guess`` (N, 12, F) [vehicles] of its holes."""
+        green, known = observation.red_steps == 0, reported(observation)
+        left = np.zeros((self.substeps, *known.shape))
+        if self._began:
+            left = self._leaving(green)
+        out = left.sum(axis=0)
+        vehicles = np.maximum(self._vehicles - out + self._expected(left), 0.0)
+        if guess is not None:
+            vehicles += GAIN * (guess[:, :, VEHICLES] - vehicles)
+        vehicles = np.minimum(vehicles, self._room)
+        vehicles = np.where(known, observation.values[:, :, VEHICLES], vehicles)
+        inflow = np.maximum(vehicles - self._vehicles + out, 0.0)
+        self._enter(inflow * self._profile(left))
+        if self._began:
+            told = known if guess is None else np.ones_like(known)
+            change = inflow / self._interval - self._inflow
+            self._inflow = self._inflow + np.where(told, MEMORY * change, 0.0)
+        self._settle(vehicles, np.where(known, observation.values[:, :, QUEUE], 0.0))
+        self._green, self._began = green, True
+        return Traffic(self._queue, self._calendar[: self.horizon].copy(), self._inflow)
 
-        ``green`` (C, N, 12): whether a slot had green in the step that ended with each.
-        """
-        vehicles, standing = values[..., VEHICLES], values[..., QUEUE]
-        queue = standing[:, 0]
-        entered = [np.maximum(vehicles[:, 0] - queue, 0.0)]
-        for step in range(1, self._history):
-            first = (step - 1) * self.substeps
-            arrivals = self._arriving(entered, first, first + self.substeps)
-            left = self._leaving(queue, arrivals, green[step - 1], green[step])
-            change = vehicles[:, step] - vehicles[:, step - 1]
-            entered.append(np.maximum(change + left, 0.0))
-            under_way = self._under_way(entered, step * self.substeps)
-            queue = np.maximum(standing[:, step], vehicles[:, step] - under_way)
-        now = (self._history - 1) * self.substeps
-        arrivals = self._arriving(entered, now, now + self.horizon)
-        running = np.maximum(vehicles[:, -1] - queue, 0.0)
-        counted = np.minimum(running / np.maximum(under_way, 1e-9), 1.0)
-        inflow = np.mean(entered[1:], axis=0) / self._interval
-        return Traffic(queue, arrivals * counted, inflow)
+    @property
+    def values(self) -> FloatArray:
+        """(N, 12, F) [vehicles]: on the road and in the queue, as is believed now."""
+        return np.stack((self._vehicles, self._queue), axis=2)
+
+    @property
+    def turns(self) -> FloatArray:
+        """(N, 12): which part of a road's inflow enters each of its slots."""
+        inflow = self._inflow + LITTLE * self.network.slot_mask
+        by_road = inflow.reshape(-1, len(APPROACHES), len(TURNS))
+        share = by_road / np.maximum(by_road.sum(axis=-1, keepdims=True), LITTLE)
+        return np.asarray(share.reshape(inflow.shape))
+
+    def usual(self) -> FloatArray:
+        """(T, N, 12) [vehicles] who enter in each substep from now if the inflow is as usual."""
+        entering = self._inflow * self.substep
+        return np.broadcast_to(entering, (self.horizon, *entering.shape))
+
+    def following(self, out: FloatArray) -> FloatArray:
+        """(T, N, 12) [vehicles] who enter in each substep if those ``out`` (T, N, 12) leave."""
+        return np.where(self._fed, self._from_upstream(out) * self.turns, self.usual())
 
     def later_arrivals(self, entering: FloatArray) -> FloatArray:
-        """(T, M, N, 12) [vehicles] at the stop line of those who enter in each substep from now."""
-        return np.asarray(np.einsum("kmns,ktns->tmns", entering, self._later_shares))
+        """(T, N, 12) [vehicles] at the stop line of those who enter in each substep from now."""
+        found = np.zeros_like(entering)
+        for k, lag in enumerate(self._lag[: len(found)]):
+            found[k:] += entering[: len(found) - k] * lag
+        return found
+
+    def _from_upstream(self, out: FloatArray) -> FloatArray:
+        """(T, N, 12) [vehicles] that enter each slot's road of those who leave (same shape)."""
+        upstream = self.network.neighbours
+        flat = out.reshape(len(out), -1)
+        return np.asarray(np.where(upstream >= 0, flat[:, upstream], 0.0).sum(axis=-1))
+
+    def _expected(self, left: FloatArray) -> FloatArray:
+        """(N, 12) [vehicles] who enter in a decision step."""
+        if not self._began:
+            return np.zeros_like(self._inflow)
+        fed = self._from_upstream(left).sum(axis=0) * self.turns
+        return np.where(self._fed, fed, self._inflow * self._interval)
+
+    def _profile(self, left: FloatArray) -> FloatArray:
+        """(T, N, 12): in which substep of a decision step those entered who entered.
+
+        When the slots upstream let vehicles go; evenly where no signal feeds the road.
+        """
+        fed = self._from_upstream(left) + TINY
+        return np.where(self._fed, fed / fed.sum(axis=0), 1 / self.substeps)
+
+    def _enter(self, entering: FloatArray) -> None:
+        """Put who entered in a decision step (T, N, 12) into the calendar, and go on to now."""
+        for k, group in enumerate(entering):
+            self._calendar[k : k + len(self._lag)] += group * self._lag
+        passed = self.substeps
+        self._calendar[:-passed] = self._calendar[passed:]
+        self._calendar[-passed:] = 0.0
+
+    def _settle(self, vehicles: FloatArray, standing: FloatArray) -> None:
+        """Make the queues and those under way come to ``vehicles``, at least ``standing`` queue."""
+        under_way = self._calendar.sum(axis=0)
+        self._queue = np.maximum(standing, vehicles - under_way)
+        running = np.maximum(vehicles - self._queue, 0.0)
+        self._calendar *= np.minimum(running / np.maximum(under_way, TINY), 1.0)
+        self._vehicles = vehicles
 
     @cached_property
     def capacity(self) -> FloatArray:
@@ -114,60 +194,28 @@ class PointQueues:
             found[k, 1, 0] = flow * _overlap(first, last, 0.0, YELLOW_USE)
         return found
 
-    def _leaving(
-        self, queue: FloatArray, arrivals: FloatArray, before: BoolArray, green: BoolArray
-    ) -> FloatArray:
-        """(M, N, 12): who left in one decision step."""
-        capacity = by_colour(self.step_capacity, before, green)
-        left = np.zeros_like(queue)
+    def _leaving(self, green: BoolArray) -> FloatArray:
+        """(T, N, 12): who left in each substep of the decision step that had ``green``."""
+        capacity = by_colour(self.step_capacity, self._green, green)
+        left, queue = np.zeros_like(capacity), self._queue
         for k in range(self.substeps):
-            there = queue + arrivals[k]
-            out = np.minimum(capacity[k], there)
-            queue, left = there - out, left + out
+            there = queue + self._calendar[k]
+            left[k] = np.minimum(capacity[k], there)
+            queue = there - left[k]
         return left
 
-    def _arriving(self, entered: list[FloatArray], first: int, last: int) -> FloatArray:
-        """(T, M, N, 12): at the stop line in the substeps since the oldest observation."""
-        shares = self._shares[: len(entered), first:last]
-        return np.asarray(np.einsum("kmns,ktns->tmns", np.array(entered), shares))
-
-    def _under_way(self, entered: list[FloatArray], until: int) -> FloatArray:
-        """(M, N, 12): who has not yet reached the stop line."""
-        left = 1.0 - self._shares[: len(entered), :until].sum(axis=1)
-        return np.asarray(np.einsum("kmns,kns->mns", np.array(entered), left))
-
-    def _arrival_shares(self) -> FloatArray:
-        """(C, T, N, 12): the part of a group that reaches the stop line in each substep.
-
-        The first group is spread evenly over the road at the oldest observation, each of the others
-        enters evenly in one of the decision steps since.
-        """
-        count = (self._history - 1) * self.substeps + self.horizon
-        found = np.zeros((self._history, count, *self._travel.shape))
+    def _lags(self) -> FloatArray:
+        """(D, N, 12): the part of those who enter in a substep that arrives k substeps later."""
+        count = math.ceil(self._travel.max() / self.substep) + 1
+        found = np.zeros((count, *self._travel.shape))
         for k in range(count):
-            first, last = k * self.substep, (k + 1) * self.substep
-            found[0, k] = _overlap(0.0, self._travel, first, last) / self._travel
-            for group in range(1, self._history):
-                begin = (group - 1) * self._interval + self._travel
-                among = _overlap(begin, begin + self._interval, first, last)
-                found[group, k] = among / self._interval
-        return found
-
-    @cached_property
-    def _later_shares(self) -> FloatArray:
-        """(T, T, N, 12): the part of those who enter in a substep that arrives in another."""
-        found = np.zeros((self.horizon, self.horizon, *self._travel.shape))
-        for k in range(self.horizon):
-            begin = k * self.substep + self._travel
-            for t in range(k, self.horizon):
-                first, last = t * self.substep, (t + 1) * self.substep
-                found[k, t] = _overlap(begin, begin + self.substep, first, last) / self.substep
+            first = k * self.substep
+            among = _overlap(self._travel, self._travel + self.substep, first, first + self.substep)
+            found[k] = among / self.substep
         return found
 
 
-def by_colour(
-    capacity: FloatArray, before: npt.NDArray[np.bool_], green: npt.NDArray[np.bool_]
-) -> FloatArray:
+def by_colour(capacity: FloatArray, before: BoolArray, green: BoolArray) -> FloatArray:
     """(T, …, 12): of ``capacity`` (T, 2, 2, …, 12) that of slots by the green before and now."""
     ending = np.where(before, capacity[:, 1, 0], capacity[:, 0, 0])
     return np.where(green, np.where(before, capacity[:, 1, 1], capacity[:, 0, 1]), ending)

@@ -14,6 +14,7 @@ from tsc_missing.controllers.catalogue import (
     VALUE,
     by_value,
     is_learned,
+    looks_at_nothing,
     needs_values,
     require_controller,
 )
@@ -85,7 +86,7 @@ def make_controller(
     elif is_own(imputer):
         words = f"{name} does not decide on filled values, so it would do nothing"
         raise UserError("imputer", imputer, words)
-    elif name in CONTROLLERS:
+    elif looks_at_nothing(name):
         return decides if isinstance(decides, Cycle) else bounded(decides, max_red)
     return BLIND[blind](bounded(roomy(decides, min_space), max_red), max_red)
 

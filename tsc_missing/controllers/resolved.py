@@ -4,7 +4,7 @@ from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
 from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
-    by_samples,
+    by_model,
     by_value,
     is_learned,
     needs_values,
@@ -67,14 +67,15 @@ def policy_weights(controller: str, q_weights: str, net: str) -> str:
 def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     """What the rule "auto" for blind intersections is.
 
-    The fixed cycle; but none for ``difflight-paper`` and for own controllers that fill holes
-    themselves; with the diffusion imputer it runs only at intersections of a kind that its packaged
-    weights never saw (``learned_kind``), and for ``difflight`` that draws samples of what may be
-    there and where two adjacent intersections are blind, without a sensor or for long.
+    The fixed cycle; but none for who plans on a traffic model, for ``difflight-paper`` and for own
+    controllers that fill holes themselves; with the diffusion imputer it runs only at intersections
+    of a kind that its packaged weights never saw (``learned_kind``), and for ``difflight`` by
+    values there and where two adjacent intersections are blind, without a sensor or for long.
     """
-    if by_samples(name, diffusion):
+    if by_value(name, diffusion):
         return "clustered"
-    if name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name)):
+    fills_holes = name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name))
+    if fills_holes or by_model(name, diffusion):
         return "none"
     return "familiar" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
 
@@ -83,7 +84,7 @@ def min_space_of(settings: RunSettings) -> int:
     """The space [vehicles a lane] that ``Spillback`` keeps free in a run; 0 for none."""
     space = settings.signals.min_space
     if space is None:
-        return MIN_SPACE if by_samples(settings.controller, settings.diffusion) else 0
+        return MIN_SPACE if by_value(settings.controller, settings.diffusion) else 0
     return space
 
 

@@ -100,8 +100,8 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     signals, demand = settings.signals, scene.demand
     return ControlContext(
         network=scene.network,
-        turning_flows=turning_flows(
-            demand.trips, scene.network, min(settings.horizon, demand.span)
+        turning_flows=_counted(
+            turning_flows(demand.trips, scene.network, min(settings.horizon, demand.span)), settings
         ),
         sensors=np.any(scene.mask, axis=0),
         decision_interval=signals.decision_interval,
@@ -113,6 +113,14 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         max_speed=settings.vehicle.max_speed,
         detector_length=settings.sensor.reach,
     )
+
+
+def _counted(flows: FloatArray, settings: RunSettings) -> FloatArray:
+    """(N, 12): turning flows as a count that is off by the ``count_error`` has them."""
+    if not settings.count_error:
+        return flows
+    noise = stream(settings.seed, "counts").standard_normal(flows.shape)
+    return np.asarray(flows * np.exp(settings.count_error * noise))
 
 
 def run_closed_loop(
