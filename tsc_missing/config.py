@@ -50,11 +50,6 @@ class VehicleType(Settings):
         """[m] of a lane that a standing vehicle takes, its gap included."""
         return self.length + self.min_gap
 
-    @property
-    def headway(self) -> float:
-        """[s] between vehicles that follow each other at full speed."""
-        return self.tau + self.spacing / self.max_speed
-
     def as_xml(self, name: str) -> str:
         """SUMO's ``vType`` element."""
         return (
@@ -207,9 +202,9 @@ class RunSettings(Settings):
     volume: float = Field(1.0, gt=0, le=10)  # times the profile's arrivals
     controller: str = "difflight"
     imputer: str = "sfm-4"
-    blind: Literal["auto", "none", "fixed-time", "familiar", "clustered", "expected-queue"] = (
-        "auto"  # see ``controllers.registry.make_controller``
-    )
+    blind: Literal[
+        "auto", "none", "fixed-time", "familiar", "clustered", "alone", "expected-queue"
+    ] = "auto"  # see ``controllers.registry.make_controller``
     diffusion: DiffusionSettings = DiffusionSettings()
     q_weights: str = "auto"  # of Q-networks, names or paths (see ``resolved.weights_of``)
     missing: MissingSettings = MissingSettings()

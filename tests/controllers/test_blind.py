@@ -123,3 +123,13 @@ def test_an_intersection_that_has_no_neighbours_is_not_of_the_learned_kind():
     blind = Blind(Scripted(np.array([3])), PlainCycle(15.0), familiar=True)
     blind.reset(context(network, sensors=~network.slot_mask))
     assert blind.decide(observe(network)).tolist() == [0]
+
+
+@pytest.mark.parametrize("build", [cross_and_tee, lambda: grid_network(1, 1)])
+def test_alone_leaves_only_who_has_no_neighbour(build):
+    network = build()
+    phases = np.full(network.n, 2)
+    blind = Blind(Scripted(phases), PlainCycle(15.0), alone=True)
+    blind.reset(context(network, sensors=~network.slot_mask))
+    expected = [0] if network.n == 1 else [2, 2]
+    assert blind.decide(observe(network)).tolist() == expected

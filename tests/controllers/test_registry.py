@@ -59,7 +59,7 @@ def test_the_default_settings_can_be_had():
 def test_what_the_default_settings_are_in_a_run():
     turns = ["lookahead", "lookahead-second", "lookahead-first"]
     shipped = {"min_space": 0, "sampling_steps": [3, 8], "weights": ["universal"]}
-    assert resolved(DEFAULTS) == {"blind": "none", **shipped}
+    assert resolved(DEFAULTS) == {"blind": "alone", **shipped}
     values = RunSettings(diffusion={"scoring": "value"})
     roomy = {"min_space": 9, "weights": ["universal", *turns]}
     assert resolved(values) == {"blind": "clustered", **shipped, **roomy}
@@ -80,8 +80,8 @@ def test_what_the_default_settings_are_in_a_run():
 @pytest.mark.parametrize(
     ("given", "rule"),
     [
-        ({}, "none"),
-        ({"controller": "rolling-horizon"}, "none"),
+        ({}, "alone"),
+        ({"controller": "rolling-horizon"}, "alone"),
         ({"diffusion": {"scoring": "value"}}, "clustered"),
         ({"diffusion": {"scoring": "value"}, "imputer": "diffusion"}, "clustered"),
         ({"diffusion": {"scoring": "queue"}}, "fixed-time"),
@@ -143,8 +143,10 @@ def test_values_that_are_not_there_name_what_makes_such():
 
 
 def test_a_plan_on_a_traffic_model_has_the_rules_that_are_asked_for():
+    assert isinstance(make_controller("rolling-horizon", "sfm", "none"), RollingHorizon)
     plain = make_controller("rolling-horizon", "sfm", "auto")
-    assert isinstance(plain, RollingHorizon)
+    assert isinstance(plain, Blind)
+    assert isinstance(plain.controller, RollingHorizon)
     kept = make_controller("rolling-horizon", "sfm", "fixed-time", max_red=240, min_space=4)
     assert isinstance(kept, Blind)
     assert isinstance(kept.controller, MaxRed)

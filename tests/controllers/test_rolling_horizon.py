@@ -14,6 +14,7 @@ from tsc_missing.controllers.max_queue import MaxQueue
 from tsc_missing.controllers.point_queues import (
     APPROACH_LOSS,
     GAIN,
+    LEAST_HEADWAY,
     MEMORY,
     START_LOSS,
     YELLOW_USE,
@@ -30,8 +31,8 @@ from tsc_missing.controllers.spillback import storage
 
 NETWORK = cross_and_tee()
 TRAVEL = 30.0 + APPROACH_LOSS  # [s] along 300 m at 10 m/s
-HEADWAY = 2.5  # [s]
-CONTEXT = replace(context(NETWORK), headway=HEADWAY, max_speed=20.0)
+HEADWAY = 2.5  # [s]: 1.75 s and 7.5 m at 10 m/s
+CONTEXT = replace(context(NETWORK), tau=1.75, max_speed=20.0)
 STRAIGHT = slot("W-straight")
 HOLES = st.integers(0, 10**6)
 
@@ -170,7 +171,7 @@ def test_a_silent_road_gets_what_is_let_go_upstream():
 
 def test_turns_are_those_of_the_counts_at_first():
     flows = {(B, "W-straight"): 300.0, (B, "W-right"): 100.0}
-    model = roads(replace(context(NETWORK, flows), headway=HEADWAY))
+    model = roads(replace(context(NETWORK, flows), tau=1.75))
     assert model.turns[B, slot("W-straight")] == pytest.approx(0.75, abs=1e-3)
     assert model.turns[A, STRAIGHT] == pytest.approx(1 / 3)
     assert np.allclose(model.turns.reshape(2, 4, 3).sum(axis=2)[A], 1)
@@ -335,3 +336,8 @@ def test_estimates_are_what_was_seen_and_believed():
         assert np.isfinite(got).all()
     controller.reset(CONTEXT)
     assert controller.estimates() is None
+
+
+def test_a_queue_does_not_leave_at_the_speed_limit():
+    fast = roads(replace(CONTEXT, tau=1.0))
+    assert fast.step_capacity[:, 1, 1, A, STRAIGHT].sum() == pytest.approx(15 / LEAST_HEADWAY)

@@ -63,7 +63,7 @@ def run(
         str,
         typer.Option(
             help="What runs at intersections without a sensor: auto, fixed-time, clustered, "
-            "familiar, expected-queue or none."
+            "familiar, alone, expected-queue or none."
         ),
     ] = DEFAULT.blind,
     weights: Annotated[
@@ -84,7 +84,10 @@ def run(
         ),
     ] = DEFAULT.diffusion.samples,
     scoring: Annotated[
-        str, typer.Option(help="difflight: what scores phases: inverse, queue, mixed or value.")
+        str,
+        typer.Option(
+            help="difflight: what scores phases: inverse, queue, mixed, value or horizon."
+        ),
     ] = DEFAULT.diffusion.scoring,
     q_weights: Annotated[
         str,

@@ -25,7 +25,7 @@ class ControlContext:
     min_steps: IntArray  # (N,) [decision steps] of a phase, its lost time and minimum green
     seed: int
     spacing: float = 7.5  # [m] of a lane that a standing vehicle takes, its gap included
-    headway: float = 2.675  # [s] between vehicles that leave a queue, a lane
+    tau: float = 2.0  # [s] of the vehicles, from the bumper before to their own
     max_speed: float = 11.111  # [m/s] of the vehicles, where the road allows it
     detector_length: float | None = None  # [m] before the stop line; None: whole lanes
 

@@ -17,8 +17,8 @@ class Blind(Wrapper):
     An intersection is blind if none of its slots has a sensor, or if none has reported for more
     than ``stale_steps`` steps. All of them are left to the cycle; but with ``familiar`` only those
     unlike what the packaged weights learned on, with ``clustered`` only those where an adjacent
-    intersection is blind too (else all around tells what may be there), and with both those of
-    either kind.
+    intersection is blind too (else all around tells what may be there), with ``alone`` only those
+    that have no adjacent intersection, and with several those of any of these kinds.
 
     The cycle is asked at every step and keeps its own time, so that an outage enters the plan where
     it stands (plans of neighbours stay coordinated) and never begins it anew; the inner controller
@@ -32,12 +32,14 @@ class Blind(Wrapper):
         stale_steps: int = STALE_STEPS,
         clustered: bool = False,
         familiar: bool = False,
+        alone: bool = False,
     ) -> None:
         """``cycle`` decides at blind intersections; it must not need values."""
         super().__init__(controller)
         self.cycle = cycle
         self._clustered = clustered
         self._familiar = familiar
+        self._alone = alone
         self._stale_steps = stale_steps
 
     def reset(self, context: ControlContext) -> None:
@@ -60,11 +62,13 @@ class Blind(Wrapper):
 
     def _left(self, blind: BoolArray) -> BoolArray:
         """(N,): the intersections that are left to the cycle if they are ``blind`` (N,)."""
-        left = np.full(len(blind), not (self._familiar or self._clustered))
+        left = np.full(len(blind), not (self._familiar or self._clustered or self._alone))
         if self._familiar:
             left |= self._unlike
         if self._clustered:
             left |= (self._adjacent & blind).any(axis=1)
+        if self._alone:
+            left |= ~self._adjacent.any(axis=1)
         return left
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.controllers.recent import reported
 from tsc_missing.controllers.spillback import storage
-from tsc_missing.network.model import BoolArray, FloatArray, Network
+from tsc_missing.network.model import BoolArray, FloatArray
 from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS
 from tsc_missing.sensing.observation import QUEUE, VEHICLES, Observation
 
 SUBSTEP = 5.0  # [s] about which the model steps: the yellow of the paper's signals
+LEAST_HEADWAY = 2.0  # [s] between vehicles that leave a lane: 1800 vehicles an hour
 START_LOSS = 1.5  # [s] of a green until vehicles leave at the saturation headway
 YELLOW_USE = 1.0  # [s] of a yellow in which vehicles still leave
 APPROACH_LOSS = 4.0  # [s] that a vehicle takes longer to the stop line than at the speed limit
@@ -64,13 +65,12 @@ class PointQueues:
         self.network = context.network
         self._interval = context.decision_interval
         self._lost = context.lost_time
-        self._headway = context.headway
         self.substeps = max(1, round(self._interval / SUBSTEP))  # of a decision step
         self.substep = self._interval / self.substeps  # [s]
         self.stage = hold * self.substeps  # substeps of a stage
         self.horizon = ahead * self.stage  # substeps
         self._travel = _travel_time(context)
-        self._lanes = _lanes(self.network)
+        self._flow = _saturation_flow(context)
         self._room = storage(self.network, context.spacing)
         self._fed = (self.network.neighbours >= 0).any(axis=2)
         self._lag = self._lags()
@@ -185,7 +185,7 @@ class PointQueues:
 
     def _capacity(self, count: int) -> FloatArray:
         found = np.zeros((count, 2, 2, self.network.n, N_SLOTS))
-        flow = self._lanes / self._headway  # [vehicles/s]
+        flow = self._flow
         end = count * self.substep
         for k in range(count):
             first, last = k * self.substep, (k + 1) * self.substep
@@ -243,8 +243,15 @@ def _travel_time(context: ControlContext) -> FloatArray:
     return np.array(times) + APPROACH_LOSS
 
 
-def _lanes(network: Network) -> FloatArray:
-    """(N, 12): entrance lanes of each slot, a shared one in equal parts; at least a part."""
-    _, flat, weight = network.lane_slots
-    found = np.bincount(flat, weight, minlength=network.n * N_SLOTS)
+def _saturation_flow(context: ControlContext) -> FloatArray:
+    """(N, 12) [vehicles/s] that leave a slot's queue; of shared lanes in equal parts.
+
+    A vehicle follows the one before in ``tau`` and the time in which it drives its own space, but
+    not sooner than in ``LEAST_HEADWAY``: out of a queue nobody drives at the speed limit at once.
+    """
+    network, lanes = context.network, context.network.record.lanes
+    speeds = [min(lanes[name].speed, context.max_speed) for name in network.entrance_lanes]
+    flow = 1.0 / np.maximum(context.tau + context.spacing / np.array(speeds), LEAST_HEADWAY)
+    lane, flat, weight = network.lane_slots
+    found = np.bincount(flat, weight * flow[lane], minlength=network.n * N_SLOTS)
     return np.asarray(found.reshape(network.n, N_SLOTS))

@@ -46,6 +46,7 @@ BLIND: dict[str, Callable[[Controller, int], Controller]] = {  # of a controller
     "expected-queue": lambda controller, red: Blind(controller, bounded(ExpectedQueue(), red)),
     "fixed-time": lambda controller, _: Blind(controller, FixedTime()),
     "familiar": lambda controller, _: Blind(controller, FixedTime(), LONG_SILENCE, familiar=True),
+    "alone": lambda controller, _: Blind(controller, FixedTime(), LONG_SILENCE, alone=True),
     "clustered": lambda controller, _: Blind(
         controller, FixedTime(), LONG_SILENCE, clustered=True, familiar=True
     ),

@@ -67,15 +67,17 @@ def policy_weights(controller: str, q_weights: str, net: str) -> str:
 def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     """What the rule "auto" for blind intersections is.
 
-    The fixed cycle; but none for who plans on a traffic model, for ``difflight-paper`` and for own
-    controllers that fill holes themselves; with the diffusion imputer it runs only at intersections
-    of a kind that its packaged weights never saw (``learned_kind``), and for ``difflight`` by
-    values there and where two adjacent intersections are blind, without a sensor or for long.
+    The fixed cycle; but for who plans on a traffic model only where no other signal is near, and
+    none for ``difflight-paper`` and for own controllers that fill holes themselves; with the
+    diffusion imputer it runs only at intersections of a kind that its packaged weights never saw
+    (``learned_kind``), and for ``difflight`` by values there and where two adjacent intersections
+    are blind, without a sensor or for long.
     """
     if by_value(name, diffusion):
         return "clustered"
-    fills_holes = name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name))
-    if fills_holes or by_model(name, diffusion):
+    if by_model(name, diffusion):
+        return "alone"
+    if name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name)):
         return "none"
     return "familiar" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
 

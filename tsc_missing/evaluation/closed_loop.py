@@ -9,6 +9,7 @@ import numpy as np
 
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import ControlContext, Controller
+from tsc_missing.demand.driving import driving_of
 from tsc_missing.demand.trips import Demand, turning_flows, write_routes
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.seeding import stream
@@ -98,6 +99,7 @@ Explore = Callable[[Moment], None]
 def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     """What the controller knows before the first step."""
     signals, demand = settings.signals, scene.demand
+    driving = driving_of(demand, settings.vehicle)
     return ControlContext(
         network=scene.network,
         turning_flows=_counted(
@@ -109,8 +111,8 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         min_steps=np.array([signals.min_steps_at(node) for node in scene.network.intersections]),
         seed=int(stream(settings.seed, "controller").integers(2**31)),
         spacing=settings.vehicle.spacing,
-        headway=settings.vehicle.headway,
-        max_speed=settings.vehicle.max_speed,
+        tau=driving.tau,
+        max_speed=driving.max_speed,
         detector_length=settings.sensor.reach,
     )
 

@@ -1,0 +1,39 @@
+"""How the vehicles of a demand drive, as a traffic engineer would know it of a town's."""
+
+from collections import Counter
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+from tsc_missing.config import VehicleType
+from tsc_missing.demand.trips import Demand
+
+SUMO_TAU = 1.0  # [s] and
+SUMO_SPEED = 55.55  # [m/s], of a vehicle type that does not say
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Means over the vehicles."""
+
+    tau: float  # [s] wished from the bumper before to one's own
+    max_speed: float  # [m/s], where the road allows it
+
+
+def driving_of(demand: Demand, vehicle: VehicleType) -> Driving:
+    """The mean over a demand's trips; ``vehicle`` is the car of those without a type."""
+    found: dict[str | None, tuple[float, float]] = {None: (vehicle.tau, vehicle.max_speed)}
+    for text in demand.types:
+        kind = ElementTree.fromstring(text)
+        found[kind.get("id")] = (
+            float(kind.get("tau", SUMO_TAU)),
+            float(kind.get("maxSpeed", SUMO_SPEED)),
+        )
+    used = Counter(trip.written_type for trip in demand.trips)
+    if not used:
+        return Driving(vehicle.tau, vehicle.max_speed)
+    parts = [(count, *found.get(name, (SUMO_TAU, SUMO_SPEED))) for name, count in used.items()]
+    total = sum(used.values())
+    return Driving(
+        tau=sum(count * tau for count, tau, _ in parts) / total,
+        max_speed=sum(count * speed for count, _, speed in parts) / total,
+    )
