@@ -38,7 +38,14 @@ NETWORKS = (
     "ingolstadt7",
     "ingolstadt21",
 )
-CONTROLLERS = ("fixed-time", "max-queue", "max-pressure", "advanced-max-pressure", "difflight")
+CONTROLLERS = (
+    "fixed-time",
+    "max-queue",
+    "max-pressure",
+    "advanced-max-pressure",
+    "rolling-horizon",
+    "difflight",
+)
 BLIND_TO_SENSORS = ("as-built", "fixed-time", "actuated", "delay_based")
 CASES = {
     "none": MissingSettings(),

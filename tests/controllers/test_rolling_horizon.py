@@ -190,6 +190,17 @@ def test_a_guess_draws_what_is_not_seen_and_nothing_else():
     assert not model.values[B].any()
 
 
+def test_a_guess_that_is_no_number_does_not_stay():
+    hidden = np.zeros_like(NETWORK.slot_mask)
+    hidden[A, STRAIGHT] = True
+    model, other = roads(), roads()
+    observation = with_holes(seen(), hidden)
+    for guess in (np.full((2, 12, 2), np.nan), np.full((2, 12, 2), np.inf)):
+        model.take(observation, guess)
+        other.take(observation, np.zeros((2, 12, 2)))
+    np.testing.assert_array_equal(model.values, other.values)
+
+
 def test_who_enters_is_told_by_the_signals_upstream_when_in_the_step():
     """A green at A that begins with the step lets nobody onto B's road before the yellow ends."""
     model = roads()

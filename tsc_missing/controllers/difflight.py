@@ -94,9 +94,10 @@ class DiffLight(Controller):
         if self._plans is None:
             return best_finite(self._scores(self._planned))
         guess = np.maximum(self._planned.present, 0.0)
-        costs = self._plans.costs(observation, guess)
+        phases = best_finite(-self._plans.costs(observation, guess))
         self._believed = self._plans.believed(observation)
-        return best_finite(-costs)
+        broken = ~np.isfinite(guess).all(axis=(1, 2))
+        return np.where(broken, NO_PHASE, phases)
 
     def estimates(self) -> FloatArray | None:
         """(N, 12, F) [vehicles]: the present that the last decision was based on, without holes."""

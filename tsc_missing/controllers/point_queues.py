@@ -91,7 +91,8 @@ class PointQueues:
         out = left.sum(axis=0)
         vehicles = np.maximum(self._vehicles - out + self._expected(left), 0.0)
         if guess is not None:
-            vehicles += GAIN * (guess[:, :, VEHICLES] - vehicles)
+            drawn = GAIN * (guess[:, :, VEHICLES] - vehicles)
+            vehicles += np.where(np.isfinite(drawn), drawn, 0.0)  # what is wrong once would stay
         vehicles = np.minimum(vehicles, self._room)
         vehicles = np.where(known, observation.values[:, :, VEHICLES], vehicles)
         inflow = np.maximum(vehicles - self._vehicles + out, 0.0)
