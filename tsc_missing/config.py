@@ -112,7 +112,7 @@ class SignalSettings(Settings):
     yellow: int = Field(5, gt=0)  # inside the interval, when the phase changes
     all_red: int = Field(0, ge=0)  # after the yellow, inside the interval
     min_green: int = Field(10, ge=0)
-    max_red: int = Field(240, ge=0)  # 0: no bound; for controllers that decide on values
+    max_red: int = Field(240, ge=0)  # 0: no bound; fixed plans are left as they are
     min_space: int | None = Field(None, ge=0)  # [vehicles a lane] kept free between intersections;
     # 0: none; None: MIN_SPACE for DiffLight by values, else none
     network_timing: Literal["both", "yellow", "min_green", "none"] = "both"  # which of these two

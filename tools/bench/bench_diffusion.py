@@ -5,9 +5,9 @@
 
 Prints windows a second for forward, backward and optimiser step, milliseconds a decision of ten
 reverse steps with both guidance branches, and the floor that the matrix products alone would
-take at the best rate measured here; and milliseconds a decision as ``--controller difflight`` makes
-it, with half of the readings lost and with a quarter of the intersections blind. On a machine that
-others use too, ``--threads 1 --clock cpu`` counts only the time that this process got.
+take at the best rate measured here; and milliseconds that a decision of ``--controller difflight``
+takes to generate what it believes, with half of the readings lost and with a quarter of the
+intersections blind. On a machine that others use too, ``--threads 1 --clock cpu`` counts only the time that this process got.
 """
 
 import argparse
@@ -33,7 +33,6 @@ from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.history import History
 from tsc_missing.diffusion.memory import keep_freed_memory
 from tsc_missing.diffusion.pace import Pace
-from tsc_missing.diffusion.samples import with_copies
 
 PHASES = 4
 SLOTS = 12
@@ -131,7 +130,7 @@ Generation = tuple[History, torch.Tensor, int, Pace | None]
 
 
 def as_in_a_run(model: DiffLightModel, count: int) -> dict[str, Generation]:
-    """What the default controller has generated of ``count`` intersections, by what is missing."""
+    """What the default controller generates of ``count`` intersections, by what is missing."""
     settings = DiffusionSettings()
     seen_steps, blind_steps = settings.reverse_steps(guided=False)
     present = history(model.config, count)
@@ -139,7 +138,6 @@ def as_in_a_run(model: DiffLightModel, count: int) -> dict[str, Generation]:
     known, observable = present.known.clone(), present.observable.clone()
     known[blind], observable[blind] = False, False
     holes = replace(present, known=known, observable=observable)
-    holes = with_copies(holes, blind, settings.samples - 1)
     rows = (~holes.observable.any(dim=1)).nonzero().squeeze(1)
     g = torch.Generator().manual_seed(0)
     return {

@@ -52,5 +52,5 @@ class Controller(ABC):
         return None
 
     def plans(self) -> FloatArray | None:
-        """(N, H, 12, F): what the last decision expects of the next H steps, if it plans."""
+        """(N, H, 12, F): what was generated of the next H steps, if that was."""
         return None

@@ -1,4 +1,4 @@
-"""DiffLight: one diffusion model fills the holes, plans ahead and decides."""
+"""DiffLight: a diffusion model fills the holes, and it or a plan on a traffic model decides."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ NO_PHASE = -1  # the answer where the model gave no number
 class DiffLight(Controller):
     """The diffusion controller; needs no imputer, and no sensor at every intersection.
 
-    Where the model's scores are not finite it answers -1, which is no phase: ``Safe`` answers.
+    Where what it generates or the scores are not finite it answers -1, which is no phase: ``Safe``
+    answers.
     """
 
     needs_values = False
@@ -106,7 +107,7 @@ class DiffLight(Controller):
         return None if self._planned is None else self._planned.present
 
     def plans(self) -> FloatArray | None:
-        """(N, H, 12, F) [vehicles]: what the last decision expects of the next H steps."""
+        """(N, H, 12, F) [vehicles]: what the model generated of the next H steps."""
         return None if self._planned is None else self._planned.future
 
     def _where_inverse(self, context: ControlContext) -> BoolArray:

@@ -63,11 +63,12 @@ def make_controller(
     net: str = "",
     min_space: int = 0,
 ) -> Controller:
-    """The controller ``name``; if it needs values, with an imputer and the rule ``blind``.
+    """The controller ``name``; with an imputer if it needs values.
 
-    Where it decides on values ``Spillback`` keeps ``min_space`` [vehicles a lane] free, and
-    ``MaxRed`` bounds its reds by ``max_red`` [s], which has the last word, each if it is not 0.
-    Those that look at no values are bounded too; fixed plans are left as they are.
+    Unless it looks at no sensor it has the rule ``blind``; there ``Spillback`` keeps ``min_space``
+    [vehicles a lane] free, and ``MaxRed`` bounds its reds by ``max_red`` [s], which has the last
+    word, each if it is not 0. Those that look at no sensor are bounded too; fixed plans are left as
+    they are.
     The rule "auto" goes by the controller (``blind_rule``). An own controller, ``FILE.py:NAME``,
     that fills holes itself is bounded too: it is no fixed plan.
     ``q_weights`` are those of a learned policy, a name or a path; "auto" are packaged ones, of

@@ -93,7 +93,8 @@ def min_space_of(settings: RunSettings) -> int:
 def resolved(settings: RunSettings) -> dict[str, object]:
     """What the settings that go by the controller are in a run: those that are "auto" or None.
 
-    They say nothing of controllers that decide on no values.
+    They say nothing of controllers that look at no sensor, and ``sampling_steps`` nothing where no
+    diffusion model runs.
     """
     name, diffusion = settings.controller, diffusion_of(settings)
     rule = settings.blind

@@ -12,7 +12,7 @@ from tsc_missing.sensing.observation import Observation
 NAME = "rolling-horizon"
 AHEAD = 4  # stages of a plan
 STAGE = 15.0  # [s] that a stage lasts at least
-MOST_PLANS = 700  # of an intersection: where it has many phases fewer stages are planned
+MOST_PLANS = 700  # of an intersection; where any has many phases all plan fewer stages
 LEFT_OVER = 45.0  # [s] that each vehicle still waiting when a plan ends is taken to wait on,
 LEFT_OVER_MORE = 0.75  # [s] and for each vehicle before it on its slot
 
