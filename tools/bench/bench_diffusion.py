@@ -7,7 +7,8 @@ Prints windows a second for forward, backward and optimiser step, milliseconds a
 reverse steps with both guidance branches, and the floor that the matrix products alone would
 take at the best rate measured here; and milliseconds that a decision of ``--controller difflight``
 takes to generate what it believes, with half of the readings lost and with a quarter of the
-intersections blind. On a machine that others use too, ``--threads 1 --clock cpu`` counts only the time that this process got.
+intersections blind. On a machine that others use too, ``--threads 1 --clock cpu`` counts only the
+time that this process got.
 """
 
 import argparse
