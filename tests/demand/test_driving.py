@@ -7,7 +7,11 @@ from tsc_missing.demand.driving import SUMO_SPEED, SUMO_TAU, driving_of
 from tsc_missing.demand.trips import Demand, Trip
 
 CAR = VehicleType(tau=2.0, max_speed=10.0)
-TYPES = ('<vType id="slow" tau="3" maxSpeed="5"/>', '<vType id="plain"/>')
+ODD = tuple(
+    f'<vType id="odd{k}" tau="{tau}" maxSpeed="{speed}"/>'
+    for k, (tau, speed) in enumerate([("", "130km/h"), ("nan", "inf"), ("0", "-1")])
+)
+TYPES = (*ODD, '<vType id="slow" tau="3" maxSpeed="5"/>', '<vType id="plain"/>')
 
 
 def trip(kind=None):
@@ -21,6 +25,7 @@ def trip(kind=None):
         ([trip()], 2.0, 10.0),
         ([trip("plain")], SUMO_TAU, SUMO_SPEED),
         ([trip("unheard of")], SUMO_TAU, SUMO_SPEED),
+        ([trip("odd0"), trip("odd1"), trip("odd2")], SUMO_TAU, SUMO_SPEED),
         ([trip("slow"), trip(), trip(), trip()], (3 + 6) / 4, (5 + 30) / 4),
     ],
 )

@@ -91,7 +91,12 @@ class DiffLight(Controller):
     def decide(self, observation: Observation) -> IntArray:
         """(N,): the phase with the highest score; ties go to the lowest phase."""
         self._planned = self._believed = None
-        self._planned = self._planner.plan(observation)
+        try:
+            self._planned = self._planner.plan(observation)
+        except Exception:
+            if self._plans is not None:
+                self._plans.costs(observation)  # the traffic goes on meanwhile
+            raise
         if self._plans is None:
             return best_finite(self._scores(self._planned))
         guess = np.maximum(self._planned.present, 0.0)

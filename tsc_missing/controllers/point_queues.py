@@ -9,8 +9,9 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.controllers.recent import reported
 from tsc_missing.controllers.spillback import storage
+from tsc_missing.controllers.upstream import Roads
 from tsc_missing.network.model import BoolArray, FloatArray
-from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS
+from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import QUEUE, VEHICLES, Observation
 
 SUBSTEP = 5.0  # [s] about which the model steps: the yellow of the paper's signals
@@ -72,7 +73,7 @@ class PointQueues:
         self._travel = _travel_time(context)
         self._flow = _saturation_flow(context)
         self._room = storage(self.network, context.spacing)
-        self._fed = (self.network.neighbours >= 0).any(axis=2)
+        self._roads = Roads.of(context)
         self._lag = self._lags()
         shape = self.network.slot_mask.shape
         self._calendar = np.zeros((self.horizon + len(self._lag) + self.substeps, *shape))
@@ -80,6 +81,7 @@ class PointQueues:
         self._vehicles = np.zeros(shape)
         self._inflow = context.turning_flows / 3600.0
         self._green = np.zeros(shape, dtype=bool)
+        self._known = np.zeros(shape, dtype=bool)
         self._began = False
 
     def take(self, observation: Observation, guess: FloatArray | None = None) -> Traffic:
@@ -98,11 +100,13 @@ class PointQueues:
         inflow = np.maximum(vehicles - self._vehicles + out, 0.0)
         self._enter(inflow * self._profile(left))
         if self._began:
-            told = known if guess is None else np.ones_like(known)
+            told = known & self._known  # one report after a silence tells of all of it
+            if guess is not None:
+                told |= ~known
             change = inflow / self._interval - self._inflow
             self._inflow = self._inflow + np.where(told, MEMORY * change, 0.0)
         self._settle(vehicles, np.where(known, observation.values[:, :, QUEUE], 0.0))
-        self._green, self._began = green, True
+        self._green, self._known, self._began = green, known, True
         return Traffic(self._queue, self._calendar[: self.horizon].copy(), self._inflow)
 
     @property
@@ -113,10 +117,7 @@ class PointQueues:
     @property
     def turns(self) -> FloatArray:
         """(N, 12): which part of a road's inflow enters each of its slots."""
-        inflow = self._inflow + LITTLE * self.network.slot_mask
-        by_road = inflow.reshape(-1, len(APPROACHES), len(TURNS))
-        share = by_road / np.maximum(by_road.sum(axis=-1, keepdims=True), LITTLE)
-        return np.asarray(share.reshape(inflow.shape))
+        return self._roads.shares(self._inflow + LITTLE * self.network.slot_mask)
 
     def usual(self) -> FloatArray:
         """(T, N, 12) [vehicles] who enter in each substep from now if the inflow is as usual."""
@@ -125,7 +126,7 @@ class PointQueues:
 
     def following(self, out: FloatArray) -> FloatArray:
         """(T, N, 12) [vehicles] who enter in each substep if those ``out`` (T, N, 12) leave."""
-        return np.where(self._fed, self._from_upstream(out) * self.turns, self.usual())
+        return np.where(self._roads.fed, self._roads.entering(out) * self.turns, self.usual())
 
     def later_arrivals(self, entering: FloatArray) -> FloatArray:
         """(T, N, 12) [vehicles] at the stop line of those who enter in each substep from now."""
@@ -134,26 +135,20 @@ class PointQueues:
             found[k:] += entering[: len(found) - k] * lag
         return found
 
-    def _from_upstream(self, out: FloatArray) -> FloatArray:
-        """(T, N, 12) [vehicles] that enter each slot's road of those who leave (same shape)."""
-        upstream = self.network.neighbours
-        flat = out.reshape(len(out), -1)
-        return np.asarray(np.where(upstream >= 0, flat[:, upstream], 0.0).sum(axis=-1))
-
     def _expected(self, left: FloatArray) -> FloatArray:
         """(N, 12) [vehicles] who enter in a decision step."""
         if not self._began:
             return np.zeros_like(self._inflow)
-        fed = self._from_upstream(left).sum(axis=0) * self.turns
-        return np.where(self._fed, fed, self._inflow * self._interval)
+        fed = self._roads.entering(left).sum(axis=0) * self.turns
+        return np.where(self._roads.fed, fed, self._inflow * self._interval)
 
     def _profile(self, left: FloatArray) -> FloatArray:
         """(T, N, 12): in which substep of a decision step those entered who entered.
 
         When the slots upstream let vehicles go; evenly where no signal feeds the road.
         """
-        fed = self._from_upstream(left) + TINY
-        return np.where(self._fed, fed / fed.sum(axis=0), 1 / self.substeps)
+        fed = self._roads.entering(left) + TINY
+        return np.where(self._roads.fed, fed / fed.sum(axis=0), 1 / self.substeps)
 
     def _enter(self, entering: FloatArray) -> None:
         """Put who entered in a decision step (T, N, 12) into the calendar, and go on to now."""

@@ -11,7 +11,7 @@ from tsc_missing.sensing.observation import Observation
 
 NAME = "rolling-horizon"
 AHEAD = 4  # stages of a plan
-STAGE = 15.0  # [s] that a stage lasts at least
+STAGE = 15.0  # [s] that a stage lasts about, or as long as a phase must
 MOST_PLANS = 700  # of an intersection; where any has many phases all plan fewer stages
 LEFT_OVER = 45.0  # [s] that each vehicle still waiting when a plan ends is taken to wait on,
 LEFT_OVER_MORE = 0.75  # [s] and for each vehicle before it on its slot
@@ -39,8 +39,9 @@ class HorizonPlans:
         self._roads = PointQueues(context, self._ahead, hold)
         self._planned = network.slot_mask & ~network.free_slots & network.phases.any(axis=1)
         table = network.phases  # (N, P, 12)
-        capacity = self._roads.capacity[:, :, :, :, None, None]
-        self._capacity = by_colour(capacity, table[:, :, None], table[:, None])
+        if self._ahead > 1:
+            capacity = self._roads.capacity[:, :, :, :, None, None]
+            self._capacity = by_colour(capacity, table[:, :, None], table[:, None])
         self._absent = np.where(network.phase_mask, 0.0, np.inf)
 
     def costs(self, observation: Observation, guess: FloatArray | None = None) -> FloatArray:
@@ -80,7 +81,8 @@ class HorizonPlans:
             cost = cost + self._absent[:, None, None]
             standing = standing.reshape(n, -1, phases, 1, queue.shape[1])
             cost = cost.reshape(n, -1, phases, 1)
-            capacity = self._capacity
+            if stage + 1 < self._ahead:
+                capacity = self._capacity
         left = (LEFT_OVER * standing + LEFT_OVER_MORE * standing**2).sum(axis=-1)
         return np.asarray((cost + left).reshape(n, -1))
 

@@ -1,5 +1,6 @@
 """How the vehicles of a demand drive, as a traffic engineer would know it of a town's."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -25,8 +26,8 @@ def driving_of(demand: Demand, vehicle: VehicleType) -> Driving:
     for text in demand.types:
         kind = ElementTree.fromstring(text)
         found[kind.get("id")] = (
-            float(kind.get("tau", SUMO_TAU)),
-            float(kind.get("maxSpeed", SUMO_SPEED)),
+            _number(kind.get("tau"), SUMO_TAU),
+            _number(kind.get("maxSpeed"), SUMO_SPEED),
         )
     used = Counter(trip.written_type for trip in demand.trips)
     if not used:
@@ -37,3 +38,12 @@ def driving_of(demand: Demand, vehicle: VehicleType) -> Driving:
         tau=sum(count * tau for count, tau, _ in parts) / total,
         max_speed=sum(count * speed for count, _, speed in parts) / total,
     )
+
+
+def _number(text: str | None, otherwise: float) -> float:
+    """What a type says, if that is a number above 0."""
+    try:
+        found = float(text or "")
+    except ValueError:
+        return otherwise
+    return found if 0 < found < math.inf else otherwise

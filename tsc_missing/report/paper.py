@@ -89,7 +89,7 @@ def find_number(tables: tuple[str, ...], dataset: str, spec: RunSpec) -> float |
 
 
 def _is_comparable(settings: RunSettings) -> bool:
-    """Whether an hour is simulated, at the volume and with the sensors and decisions of the paper.
+    """Whether an hour is simulated, with the volume, sensors, counts and decisions of the paper.
 
     Those are the defaults here.
     """
@@ -97,6 +97,7 @@ def _is_comparable(settings: RunSettings) -> bool:
     return (
         (settings.horizon, settings.volume) == (paper.horizon, paper.volume)
         and settings.sensor == paper.sensor
+        and settings.count_error == paper.count_error
         and settings.signals.decision_interval == paper.signals.decision_interval
     )
 
