@@ -178,6 +178,22 @@ def test_turns_are_those_of_the_counts_at_first():
     assert not model.turns[B][~NETWORK.slot_mask[B]].any()
 
 
+def test_what_a_silence_hid_is_not_learned_as_the_inflow_of_a_step():
+    """25 vehicles that came in ten silent steps are no 25 in one."""
+    hidden = np.zeros_like(NETWORK.slot_mask)
+    hidden[A, STRAIGHT] = True
+    model = roads()
+    model.take(seen())
+    model.take(seen())
+    usual = model.usual()[0, A, STRAIGHT]
+    for _ in range(10):
+        model.take(with_holes(seen(), hidden))
+    model.take(*counts(25))
+    assert model.usual()[0, A, STRAIGHT] == usual
+    model.take(*counts(28))
+    assert model.usual()[0, A, STRAIGHT] > usual
+
+
 def test_a_guess_draws_what_is_not_seen_and_nothing_else():
     hidden = np.zeros_like(NETWORK.slot_mask)
     hidden[A, STRAIGHT] = True
