@@ -15,6 +15,7 @@ OURS = {
     "baselines",
     "datasets",
     "headline",
+    "horizon",
     "newyork",
     "smoke",
     "strict",
