@@ -135,6 +135,7 @@ def test_decisions_hold_truth_estimates_and_what_was_observed(command, small_net
         "max-queue",
         "max-pressure",
         "advanced-max-pressure",
+        "rolling-horizon",
         "random",
         "actuated",
         "delay_based",
