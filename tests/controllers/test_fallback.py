@@ -222,7 +222,8 @@ def test_the_fallback_too_ends_a_red_where_a_sensor_is_silent(answer):
     holes[A, slot("N-straight")] = True
     red = np.zeros((2, 12), dtype=np.int64)
     red[A, slot("N-straight")] = 8
-    observation = replace(with_holes(observe(NETWORK, queue=QUEUES), holes), red_steps=red)
+    seen = with_holes(observe(NETWORK, queue=QUEUES), holes)
+    observation = replace(seen, step=8, red_steps=red)
     for max_red, phases in ((0, FALLBACK), (135, FALLBACK), (134, [1, 2])):
         controller = Safe(Scripted(answer), 1.0, max_red=max_red)
         controller.reset(context(NETWORK))

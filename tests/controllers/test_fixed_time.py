@@ -177,11 +177,12 @@ def test_no_phase_of_a_plan_waits_for_the_minimum_green(
     network = cross_and_tee()
     least = {timing.min_steps_at(node) for node in network.intersections}
     assert len(least) == 1
-    known = context(network, flows=FLOWS, interval=float(interval), least=least.pop())
+    most = least.pop()
+    known = context(network, flows=FLOWS, interval=float(interval), least=most)
     controller.reset(replace(known, lost_time=float(yellow + all_red)))
     signals = Signals(network, timing, lambda light, state: None)
     shown = []
-    for step in range(60):
+    for step in range(60 + 4 * most):
         phases = controller.decide(observe(network, step=step))
         if signals.command(phases, step * interval):
             if all_red:

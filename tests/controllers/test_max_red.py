@@ -29,18 +29,26 @@ def network():
     return cross_and_tee()
 
 
-def decide(network, observation, max_red=120.0, answer=(1, 2)):
-    controller = MaxRed(Scripted(np.array(answer)), max_red)
+def decide(network, observations, max_red=120.0, answer=(1, 2), beliefs=None):
+    """What is decided after the last of ``observations``."""
+    scripted = Scripted(np.array(answer))
+    scripted.estimates = lambda: beliefs
+    controller = MaxRed(scripted, max_red)
     controller.reset(context(network, interval=STEP))
-    return controller.decide(observation).tolist()
+    return [controller.decide(seen).tolist() for seen in observations][-1]
 
 
-def waiting(network, red_steps, **given):
-    """West-left of A red for so many steps, with a vehicle on it unless said otherwise."""
-    seen = observe(network, vehicles={(A, "W-left"): 1.0, **given})
-    red = seen.red_steps.copy()
-    red[A, slot("W-left")] = red_steps
-    return replace(seen, red_steps=red)
+def waiting(network, steps, count=1.0, silent=()):
+    """West-left of A red from step 1 with ``count`` vehicles; its sensor is at times silent."""
+    seen = []
+    for step in range(steps + 1):
+        now = observe(network, vehicles={(A, "W-left"): count})
+        red = now.red_steps.copy()
+        red[A, slot("W-left")] = step
+        holes = np.zeros((2, 12), dtype=bool)
+        holes[A, slot("W-left")] = step in silent
+        seen.append(with_holes(replace(now, step=step, red_steps=red), holes))
+    return seen
 
 
 def test_a_vehicle_is_served_before_its_red_gets_longer_than_the_maximum(network):
@@ -49,26 +57,59 @@ def test_a_vehicle_is_served_before_its_red_gets_longer_than_the_maximum(network
 
 
 def test_where_nobody_waits_no_red_ends(network):
-    seen = waiting(network, 50)
-    assert decide(network, replace(seen, values=np.zeros_like(seen.values))) == [1, 2]
+    assert decide(network, waiting(network, 50, count=0.0)) == [1, 2]
+
+
+def test_who_comes_to_a_long_red_has_not_waited_for_all_of_it(network):
+    seen = waiting(network, 50, count=0.0) + waiting(network, 57)[51:]
+    assert decide(network, seen) == [1, 2]
+    seen += waiting(network, 58)[58:]
+    assert decide(network, seen) == [2, 2]
 
 
 def test_a_movement_whose_sensor_is_silent_counts_as_waiting(network):
-    holes = np.zeros((2, 12), dtype=bool)
-    holes[A, slot("W-left")] = True
-    assert decide(network, with_holes(waiting(network, 50), holes)) == [2, 2]
+    silent = range(100)
+    assert decide(network, waiting(network, 7, silent=silent)) == [1, 2]
+    assert decide(network, waiting(network, 8, silent=silent)) == [2, 2]
 
 
-def test_the_longer_red_goes_first_and_among_equals_the_controllers_own(network):
-    seen = waiting(network, 10)
-    red = seen.red_steps.copy()
-    red[A, slot("N-left")] = 11
-    values = seen.values.copy()
-    values[A, slot("N-left")] = 1.0
-    assert decide(network, replace(seen, values=values, red_steps=red)) == [3, 2]
-    red[A, slot("N-left")] = 10
-    assert decide(network, replace(seen, values=values, red_steps=red), answer=(2, 0)) == [2, 0]
-    assert decide(network, replace(seen, values=values, red_steps=red), answer=(3, 0)) == [3, 0]
+def test_a_silence_after_the_slot_was_seen_empty_counts_from_then(network):
+    seen = waiting(network, 50, count=0.0) + waiting(network, 57, silent=range(100))[51:]
+    assert decide(network, seen) == [1, 2]
+    seen += waiting(network, 58, silent=range(100))[58:]
+    assert decide(network, seen) == [2, 2]
+
+
+@pytest.mark.parametrize(("believed", "steps"), [(0.4, 15), (0.5, 8), (np.nan, 8), (0.0, 15)])
+def test_a_silent_movement_that_is_believed_empty_waits_twice_as_long(network, believed, steps):
+    beliefs = np.full((2, 12, 2), believed)
+    for count, phases in ((steps - 1, [1, 2]), (steps, [2, 2])):
+        seen = waiting(network, count, silent=range(100))
+        assert decide(network, seen, beliefs=beliefs) == phases
+        reporting = waiting(network, min(count, 8))  # what is seen goes before beliefs
+        assert decide(network, reporting, beliefs=beliefs) == [1 if count < 8 else 2, 2]
+
+
+def test_steps_in_which_it_was_not_asked_count_as_waiting(network):
+    assert decide(network, waiting(network, 7)[-1:]) == [1, 2]
+    assert decide(network, waiting(network, 8)[-1:]) == [2, 2]
+    assert decide(network, waiting(network, 8)[:2] + waiting(network, 8)[-1:]) == [2, 2]
+
+
+def test_the_longer_wait_goes_first_and_among_equals_the_controllers_own(network):
+    def seen(steps):
+        both = []
+        for k, one in enumerate(waiting(network, 10)):
+            values, red = one.values.copy(), one.red_steps.copy()
+            values[A, slot("N-left")] = 1.0
+            red[A, slot("N-left")] = max(k - (10 - steps), 0)
+            both.append(replace(one, values=values, red_steps=red))
+        return both
+
+    assert decide(network, seen(9)) == [2, 2]
+    assert decide(network, seen(9), answer=(3, 0)) == [2, 0]
+    assert decide(network, seen(10), answer=(2, 0)) == [2, 0]
+    assert decide(network, seen(10), answer=(3, 0)) == [3, 0]
 
 
 def test_an_answer_that_is_no_phase_stays_one_for_the_fallback_to_see(network):

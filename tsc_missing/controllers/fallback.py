@@ -121,8 +121,8 @@ class Safe(Controller):
 class Fallback(Controller):
     """Max-queue on what is observed, the fixed-time plan where nothing is.
 
-    Slots that did not report count as empty, but not for the maximum red of max-queue. It
-    remembers nothing from step to step, so it need not be asked at every one.
+    Slots that did not report count as empty, but not for the maximum red of max-queue. It need
+    not be asked at every step.
     """
 
     def __init__(self, max_red: float = 0) -> None:

@@ -77,6 +77,8 @@ class PointQueues:
         self._lag = self._lags()
         shape = self.network.slot_mask.shape
         self._calendar = np.zeros((self.horizon + len(self._lag) + self.substeps, *shape))
+        self._untold = np.zeros_like(self._calendar)  # of the calendar: who entered in a silence
+        self._silent = np.zeros(shape)  # [vehicles] who entered in a silence, wherever they are
         self._queue = np.zeros(shape)
         self._vehicles = np.zeros(shape)
         self._inflow = context.turning_flows / 3600.0
@@ -91,14 +93,21 @@ class PointQueues:
         if self._began:
             left = self._leaving(green)
         out = left.sum(axis=0)
-        vehicles = np.maximum(self._vehicles - out + self._expected(left), 0.0)
+        expected = self._expected(left)
+        vehicles = np.maximum(self._vehicles - out + expected, 0.0)
         if guess is not None:
             drawn = GAIN * (guess[:, :, VEHICLES] - vehicles)
             vehicles += np.where(np.isfinite(drawn), drawn, 0.0)  # what is wrong once would stay
         vehicles = np.minimum(vehicles, self._room)
         vehicles = np.where(known, observation.values[:, :, VEHICLES], vehicles)
-        inflow = np.maximum(vehicles - self._vehicles + out, 0.0)
-        self._enter(inflow * self._profile(left))
+        inflow = vehicles - self._vehicles + out
+        since = np.maximum(self._silent + np.where(known, inflow, np.maximum(inflow, 0.0)), 0.0)
+        part = np.where(known, since / (self._silent + expected + TINY), 1.0)
+        self._calendar += (part - 1.0) * self._untold
+        self._untold *= np.where(known, 0.0, 1.0)
+        inflow = np.where(known, since - part * self._silent, np.maximum(inflow, 0.0))
+        self._enter(inflow * self._profile(left), known)
+        self._silent = np.where(known, 0.0, since)
         if self._began:
             told = known & self._known  # one report after a silence tells of all of it
             if guess is not None:
@@ -150,20 +159,24 @@ class PointQueues:
         fed = self._roads.entering(left) + TINY
         return np.where(self._roads.fed, fed / fed.sum(axis=0), 1 / self.substeps)
 
-    def _enter(self, entering: FloatArray) -> None:
+    def _enter(self, entering: FloatArray, known: BoolArray) -> None:
         """Put who entered in a decision step (T, N, 12) into the calendar, and go on to now."""
         for k, group in enumerate(entering):
-            self._calendar[k : k + len(self._lag)] += group * self._lag
-        passed = self.substeps
-        self._calendar[:-passed] = self._calendar[passed:]
-        self._calendar[-passed:] = 0.0
+            arriving = group * self._lag
+            self._calendar[k : k + len(self._lag)] += arriving
+            self._untold[k : k + len(self._lag)] += np.where(known, 0.0, arriving)
+        for calendar in (self._calendar, self._untold):
+            calendar[: -self.substeps] = calendar[self.substeps :]
+            calendar[-self.substeps :] = 0.0
 
     def _settle(self, vehicles: FloatArray, standing: FloatArray) -> None:
         """Make the queues and those under way come to ``vehicles``, at least ``standing`` queue."""
         under_way = self._calendar.sum(axis=0)
         self._queue = np.maximum(standing, vehicles - under_way)
         running = np.maximum(vehicles - self._queue, 0.0)
-        self._calendar *= np.minimum(running / np.maximum(under_way, TINY), 1.0)
+        kept = np.minimum(running / np.maximum(under_way, TINY), 1.0)
+        self._calendar *= kept
+        self._untold *= kept
         self._vehicles = vehicles
 
     @cached_property
