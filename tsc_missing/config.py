@@ -7,7 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tsc_missing.network.records import IntersectionRecord
 
-MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``)
+MIN_SPACE = 9  # [vehicles a lane] (``SignalSettings.min_space``) of DiffLight by values,
+MIN_SPACE_AHEAD = 3  # and of who plans ahead on a traffic model
 GUIDED_STEPS = 10  # reverse steps of a plan that rewards guide, as in the paper
 BELIEF_STEPS = 3  # of what is generated as it is believed: as good as ten (docs/experiments.md),
 BLIND_STEPS = 8  # but not at intersections without a sensor
@@ -114,7 +115,7 @@ class SignalSettings(Settings):
     min_green: int = Field(10, ge=0)
     max_red: int = Field(240, ge=0)  # 0: no bound; fixed plans are left as they are
     min_space: int | None = Field(None, ge=0)  # [vehicles a lane] kept free between intersections;
-    # 0: none; None: MIN_SPACE for DiffLight by values, else none
+    # 0: none; None: MIN_SPACE or MIN_SPACE_AHEAD by the controller, none for most
     network_timing: Literal["both", "yellow", "min_green", "none"] = "both"  # which of these two
     # an intersection takes from its network, where that has them; else those that are not given
 

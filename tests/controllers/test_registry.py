@@ -58,7 +58,7 @@ def test_the_default_settings_can_be_had():
 
 def test_what_the_default_settings_are_in_a_run():
     turns = ["lookahead", "lookahead-second", "lookahead-first"]
-    shipped = {"min_space": 0, "sampling_steps": [3, 8], "weights": ["universal"]}
+    shipped = {"min_space": 3, "sampling_steps": [3, 8], "weights": ["universal"]}
     assert resolved(DEFAULTS) == {"blind": "alone", **shipped}
     values = RunSettings(diffusion={"scoring": "value"})
     roomy = {"min_space": 9, "weights": ["universal", *turns]}

@@ -16,7 +16,7 @@ from tests.controllers.helpers import (
     with_holes,
 )
 from tests.networks import context_for, grid_network, tee_network
-from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
+from tsc_missing.config import MIN_SPACE, MIN_SPACE_AHEAD, DiffusionSettings, RunSettings
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
@@ -146,7 +146,7 @@ def test_it_conforms():
 
 def test_who_has_it():
     queue = RunSettings(controller="max-queue")
-    assert min_space_of(RunSettings()) == 0
+    assert min_space_of(RunSettings()) == MIN_SPACE_AHEAD
     assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="value"))) == MIN_SPACE
     assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="inverse"))) == 0
     assert min_space_of(queue) == 0

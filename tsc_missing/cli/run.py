@@ -18,7 +18,7 @@ from tsc_missing.cli.options import (
     make_settings,
     missing_rate,
 )
-from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, MIN_SPACE, RunSettings
+from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, RunSettings
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -160,7 +160,7 @@ def run(
         typer.Option(
             help="A road between intersections that has room for fewer than so many more vehicles "
             "on a lane gets green first. 0: none; fixed plans stay as they are.",
-            show_default=f"{MIN_SPACE} for difflight by values, else 0",
+            show_default="3 for difflight and rolling-horizon, 9 for difflight by values, else 0",
         ),
     ] = DEFAULT.signals.min_space,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,

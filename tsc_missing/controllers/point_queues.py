@@ -20,7 +20,7 @@ START_LOSS = 1.5  # [s] of a green until vehicles leave at the saturation headwa
 YELLOW_USE = 1.0  # [s] of a yellow in which vehicles still leave
 APPROACH_LOSS = 4.0  # [s] that a vehicle takes longer to the stop line than at the speed limit
 MEMORY = 0.05  # weight of a decision step's inflow in the usual inflow
-GAIN = 0.1  # part of the difference to a guess by which a prediction is corrected in a step
+GAIN = 0.02  # part of the difference to a guess by which a prediction is corrected in a step
 TINY = 1e-9  # [vehicles] that keep shares of nobody defined
 LITTLE = 1e-4  # [vehicles/s] of a slot, so that turns are defined without inflow
 
@@ -54,7 +54,7 @@ class PointQueues:
     where the outflow is the model's own, and only the rest of the count is under way: what the
     model gets wrong does not add up. Where none does the prediction stands, drawn by ``GAIN``
     towards a guess if there is one, and kept to what the road has room for. When in the step they
-    entered is told by the outflow upstream.
+    entered is told by the outflow upstream, and after a silence by what was predicted in it.
     The usual inflow begins with the turning counts, and follows what is observed or guessed.
     """
 
@@ -92,22 +92,11 @@ class PointQueues:
         left = np.zeros((self.substeps, *known.shape))
         if self._began:
             left = self._leaving(green)
-        out = left.sum(axis=0)
-        expected = self._expected(left)
-        vehicles = np.maximum(self._vehicles - out + expected, 0.0)
-        if guess is not None:
-            drawn = GAIN * (guess[:, :, VEHICLES] - vehicles)
-            vehicles += np.where(np.isfinite(drawn), drawn, 0.0)  # what is wrong once would stay
-        vehicles = np.minimum(vehicles, self._room)
+        out, expected = left.sum(axis=0), self._expected(left)
+        vehicles = self._predicted(self._vehicles - out + expected, guess)
         vehicles = np.where(known, observation.values[:, :, VEHICLES], vehicles)
-        inflow = vehicles - self._vehicles + out
-        since = np.maximum(self._silent + np.where(known, inflow, np.maximum(inflow, 0.0)), 0.0)
-        part = np.where(known, since / (self._silent + expected + TINY), 1.0)
-        self._calendar += (part - 1.0) * self._untold
-        self._untold *= np.where(known, 0.0, 1.0)
-        inflow = np.where(known, since - part * self._silent, np.maximum(inflow, 0.0))
+        inflow = self._entered(vehicles - self._vehicles + out, expected, known)
         self._enter(inflow * self._profile(left), known)
-        self._silent = np.where(known, 0.0, since)
         if self._began:
             told = known & self._known  # one report after a silence tells of all of it
             if guess is not None:
@@ -150,6 +139,31 @@ class PointQueues:
             return np.zeros_like(self._inflow)
         fed = self._roads.entering(left).sum(axis=0) * self.turns
         return np.where(self._roads.fed, fed, self._inflow * self._interval)
+
+    def _predicted(self, vehicles: FloatArray, guess: FloatArray | None) -> FloatArray:
+        """(N, 12): ``vehicles`` (N, 12) drawn towards a guess, and kept to what there is room for.
+
+        A guess that is no number counts for nothing: what is wrong once would stay.
+        """
+        vehicles = np.maximum(vehicles, 0.0)
+        if guess is not None:
+            drawn = GAIN * (guess[:, :, VEHICLES] - vehicles)
+            vehicles = vehicles + np.where(np.isfinite(drawn), drawn, 0.0)
+        return np.minimum(vehicles, self._room)
+
+    def _entered(self, inflow: FloatArray, expected: FloatArray, known: BoolArray) -> FloatArray:
+        """(N, 12) [vehicles] who entered in a decision step, by counts and outflows ``inflow``.
+
+        A report after a silence tells of all who entered in it: those on their way are made more
+        or fewer in the parts in which they were ``expected``, step by step.
+        """
+        since = np.maximum(self._silent + np.where(known, inflow, np.maximum(inflow, 0.0)), 0.0)
+        part = np.where(known, since / (self._silent + expected + TINY), 1.0)
+        self._calendar += (part - 1.0) * self._untold
+        self._untold = np.where(known, 0.0, self._untold)
+        entered = np.where(known, since - part * self._silent, np.maximum(inflow, 0.0))
+        self._silent = np.where(known, 0.0, since)
+        return entered
 
     def _profile(self, left: FloatArray) -> FloatArray:
         """(T, N, 12): in which substep of a decision step those entered who entered.

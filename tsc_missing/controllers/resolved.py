@@ -1,7 +1,7 @@
 """What the settings of a run come to: what goes by its controller, and what it reads."""
 
 from tsc_missing.baselines.config import SETTINGS as BASELINES
-from tsc_missing.config import MIN_SPACE, DiffusionSettings, RunSettings
+from tsc_missing.config import MIN_SPACE, MIN_SPACE_AHEAD, DiffusionSettings, RunSettings
 from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
     by_model,
@@ -86,6 +86,8 @@ def min_space_of(settings: RunSettings) -> int:
     """The space [vehicles a lane] that ``Spillback`` keeps free in a run; 0 for none."""
     space = settings.signals.min_space
     if space is None:
+        if by_model(settings.controller, settings.diffusion):
+            return MIN_SPACE_AHEAD
         return MIN_SPACE if by_value(settings.controller, settings.diffusion) else 0
     return space
 
