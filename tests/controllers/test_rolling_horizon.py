@@ -124,6 +124,23 @@ def test_area_detectors_see_who_is_near_only():
     assert traffic.arrivals[:2, A, STRAIGHT].sum() == pytest.approx(3 * 9 / 15)
 
 
+@pytest.mark.parametrize("count", [0.0, 1.0, 2.0, 6.0])
+@pytest.mark.parametrize("silent", [1, 2])
+def test_a_report_after_a_silence_is_spread_over_it(count, silent):
+    flows = np.zeros(NETWORK.slot_mask.shape)
+    flows[A, STRAIGHT] = 240.0  # one in 15 s
+    holes = np.zeros(NETWORK.slot_mask.shape, dtype=bool)
+    holes[A, STRAIGHT] = True
+    unseen = [with_holes(seen(), holes)] * silent
+    traffic = after(roads(replace(CONTEXT, turning_flows=flows)), seen(), *unseen, *counts(count))
+    # they entered evenly in the whole of it, and are under way for 34 s
+    steps = 15.0 * (silent + 1)
+    ends = np.clip(np.arange(0, 40, 5) + steps - TRAVEL, 0, steps)  # of who has arrived by 0, 5, …
+    expected = count * np.diff(np.maximum.accumulate(ends)) / steps
+    assert traffic.arrivals[:7, A, STRAIGHT] == pytest.approx(expected)
+    assert traffic.queue[A, STRAIGHT] == pytest.approx(count * max(steps - TRAVEL, 0) / steps)
+
+
 @pytest.mark.parametrize(("interval", "substep"), [(15.0, 5.0), (4.0, 4.0), (12.0, 6.0)])
 def test_steps_are_whole_parts_of_a_decision_step(interval, substep):
     given = replace(CONTEXT, decision_interval=interval, lost_time=3.0)
