@@ -19,6 +19,7 @@ from tsc_missing.controllers.blind import Blind
 from tsc_missing.controllers.fixed_time import Cycle
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import make_controller
+from tsc_missing.controllers.spillback import lane_share
 from tsc_missing.offline.log import red_steps_of
 
 STEP = 15.0
@@ -138,6 +139,58 @@ def test_no_red_lasts_longer_whatever_the_controller_says(build, max_red, seed):
     red = red_steps_of(network, np.array(phases))
     most = max_red / STEP + network.phase_mask.shape[1] - 1  # the others may be overdue with it
     assert red[:, there & ~network.free_slots].max() <= most
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    build=st.sampled_from([lambda: grid_network(1, 2), tee_network, cross_and_tee]),
+    max_red=st.sampled_from([60.0, 120.0]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_no_red_lasts_longer_than_twice_however_wrong_beliefs_are(build, max_red, seed):
+    network = build()
+    rng = np.random.default_rng(seed)
+    favourite = Scripted(np.array([rng.integers(row.sum()) for row in network.phase_mask]))
+    controller = MaxRed(favourite, max_red)
+    controller.reset(context(network, interval=STEP))
+    shape = network.slot_mask.shape
+    there = network.phases.any(axis=1) & network.slot_mask
+    full = replace(observe(network), values=np.repeat(np.where(there, 1.0, 0.0)[..., None], 2, 2))
+    phases = []
+    for step in range(80):
+        beliefs = rng.choice([0.0, 0.1, 0.6, np.nan, np.inf, -np.inf], (*shape, 2))
+        favourite.estimates = lambda beliefs=beliefs: beliefs
+        holes = (rng.random(shape) < 0.7) & network.slot_mask
+        red = red_steps_of(network, np.array([*phases, favourite.decide(full)]))[-1]
+        phases.append(controller.decide(with_holes(replace(full, step=step, red_steps=red), holes)))
+    red = red_steps_of(network, np.array(phases))
+    most = 2 * max_red / STEP + network.phase_mask.shape[1] - 1
+    assert red[:, there & ~network.free_slots].max() <= most
+
+
+def test_where_all_report_and_nobody_leaves_it_bounds_the_red_itself(network):
+    for steps in range(1, 12):
+        assert (decide(network, waiting(network, steps)) == [2, 2]) == (15 * (steps + 1) > 120)
+
+
+def test_a_lane_that_slots_share_is_not_empty_because_each_has_a_part_of_it(network):
+    share = lane_share(network)
+    n, k = np.argwhere(share < 1)[0]
+    for vehicles, steps in ((0.4, 15), (0.6, 8)):
+        beliefs = np.full((2, 12, 2), vehicles) * share[..., None]
+        seen = []
+        for step in range(steps + 1):
+            now = observe(network)
+            red = now.red_steps.copy()
+            red[n, k] = step
+            holes = np.zeros((2, 12), dtype=bool)
+            holes[n, k] = True
+            seen.append(with_holes(replace(now, step=step, red_steps=red), holes))
+        other = np.flatnonzero(~network.phases[n, :, k] & network.phase_mask[n])[0]
+        answer = np.array([1, 2])
+        answer[n] = other
+        assert decide(network, seen[:-1], answer=answer, beliefs=beliefs)[n] == other
+        assert network.phases[n, decide(network, seen, answer=answer, beliefs=beliefs)[n], k]
 
 
 def test_controllers_have_it_and_plans_do_not():

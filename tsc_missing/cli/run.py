@@ -151,7 +151,7 @@ def run(
     max_red: Annotated[
         int,
         typer.Option(
-            help="Seconds after which a red with a vehicle waiting ends, whatever the controller "
+            help="Seconds that somebody may wait at a red before it ends, whatever the controller "
             "says; fixed plans stay as they are. 0: no bound."
         ),
     ] = DEFAULT.signals.max_red,
@@ -160,7 +160,7 @@ def run(
         typer.Option(
             help="A road between intersections that has room for fewer than so many more vehicles "
             "on a lane gets green first. 0: none; fixed plans stay as they are.",
-            show_default="3 for difflight and rolling-horizon, 9 for difflight by values, else 0",
+            show_default="3 for rolling-horizon and difflight, by values 9, else 0",
         ),
     ] = DEFAULT.signals.min_space,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,

@@ -78,10 +78,11 @@ class PointQueues:
         shape = self.network.slot_mask.shape
         self._calendar = np.zeros((self.horizon + len(self._lag) + self.substeps, *shape))
         self._untold = np.zeros_like(self._calendar)  # of the calendar: who entered in a silence
-        self._silent = np.zeros(shape)  # [vehicles] who entered in a silence, wherever they are
+        self._silent = np.zeros(shape)  # [vehicles] who entered in a silence and are still there
         self._queue = np.zeros(shape)
         self._vehicles = np.zeros(shape)
         self._inflow = context.turning_flows / 3600.0
+        self._least = LITTLE * self._interval * (context.sensors & self.network.slot_mask)
         self._green = np.zeros(shape, dtype=bool)
         self._known = np.zeros(shape, dtype=bool)
         self._began = False
@@ -95,7 +96,7 @@ class PointQueues:
         out, expected = left.sum(axis=0), self._expected(left)
         vehicles = self._predicted(self._vehicles - out + expected, guess)
         vehicles = np.where(known, observation.values[:, :, VEHICLES], vehicles)
-        inflow = self._entered(vehicles - self._vehicles + out, expected, known)
+        inflow = self._entered(vehicles, out, expected, known)
         self._enter(inflow * self._profile(left), known)
         if self._began:
             told = known & self._known  # one report after a silence tells of all of it
@@ -138,7 +139,8 @@ class PointQueues:
         if not self._began:
             return np.zeros_like(self._inflow)
         fed = self._roads.entering(left).sum(axis=0) * self.turns
-        return np.where(self._roads.fed, fed, self._inflow * self._interval)
+        usual = self._inflow * self._interval
+        return np.asarray(np.maximum(np.where(self._roads.fed, fed, usual), self._least))
 
     def _predicted(self, vehicles: FloatArray, guess: FloatArray | None) -> FloatArray:
         """(N, 12): ``vehicles`` (N, 12) drawn towards a guess, and kept to what there is room for.
@@ -151,19 +153,21 @@ class PointQueues:
             vehicles = vehicles + np.where(np.isfinite(drawn), drawn, 0.0)
         return np.minimum(vehicles, self._room)
 
-    def _entered(self, inflow: FloatArray, expected: FloatArray, known: BoolArray) -> FloatArray:
-        """(N, 12) [vehicles] who entered in a decision step, by counts and outflows ``inflow``.
+    def _entered(
+        self, vehicles: FloatArray, out: FloatArray, expected: FloatArray, known: BoolArray
+    ) -> FloatArray:
+        """(N, 12) [vehicles] who entered in a decision step that left ``vehicles`` (N, 12) there.
 
-        A report after a silence tells of all who entered in it: those on their way are made more
-        or fewer in the parts in which they were ``expected``, step by step.
+        A report after a silence tells of all who entered in it and have not left: those on their
+        way are made more or fewer in the parts in which they were ``expected``, step by step.
         """
-        since = np.maximum(self._silent + np.where(known, inflow, np.maximum(inflow, 0.0)), 0.0)
-        part = np.where(known, since / (self._silent + expected + TINY), 1.0)
-        self._calendar += (part - 1.0) * self._untold
+        inflow = vehicles - self._vehicles + out
+        since, silent = self._silent + inflow, np.maximum(self._silent, 0.0)
+        part = np.maximum(since, 0.0) / (silent + expected + TINY)
+        self._calendar += np.where(known, part - 1.0, 0.0) * self._untold
         self._untold = np.where(known, 0.0, self._untold)
-        entered = np.where(known, since - part * self._silent, np.maximum(inflow, 0.0))
-        self._silent = np.where(known, 0.0, since)
-        return entered
+        self._silent = np.where(known, 0.0, np.minimum(since, vehicles))
+        return np.maximum(np.where(known, np.maximum(since, 0.0) - part * silent, inflow), 0.0)
 
     def _profile(self, left: FloatArray) -> FloatArray:
         """(T, N, 12): in which substep of a decision step those entered who entered.

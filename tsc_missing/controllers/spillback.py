@@ -29,7 +29,8 @@ class Room:
         served = network.phases.any(axis=1) & ~network.free_slots
         self._fed = served & (network.neighbours >= 0).any(axis=2)
         self.storage = storage(network, spacing)
-        self._lanes = np.maximum(network.slot_lane_count, 1)
+        self._anybody = lane_share(network)  # [vehicles] of a slot if one is on one of its lanes
+        self._lanes = np.maximum(network.slot_lane_count, 1) * self._anybody
 
     def kept(self, phases: IntArray, vehicles: FloatArray) -> IntArray:
         """(N,): ``phases`` (N,), but where slots are filling the phase that empties them.
@@ -38,7 +39,7 @@ class Room:
         equal ones the given one, if it is one of them.
         """
         room = (self.storage - vehicles) / self._lanes
-        filling = self._fed & (vehicles >= 1) & (room < self._space)
+        filling = self._fed & (vehicles >= self._anybody) & (room < self._space)
         fullness = vehicles / np.maximum(self.storage, 1.0)
         return overruled(self._network, phases, np.where(filling, fullness, 0.0))
 
@@ -61,7 +62,8 @@ class Spillback(Wrapper):
         """Reset the controller and take the network's roads."""
         network = context.network
         self._room = Room(network, self._space, context.spacing)
-        arrivals = UNSEEN_ARRIVALS * context.decision_interval * network.slot_lane_count
+        lanes = network.slot_lane_count * lane_share(network)
+        arrivals = UNSEEN_ARRIVALS * context.decision_interval * lanes
         self._arrivals = np.where(context.sensors, 0.0, arrivals)  # (N, 12) in a decision step
         super().reset(context)
 
@@ -82,3 +84,15 @@ def storage(network: Network, spacing: float) -> FloatArray:
     metres = np.array([network.record.lanes[name].length for name in network.sensor_lanes])
     total = np.bincount(slots, weights * metres[lanes], minlength=network.n * N_SLOTS)
     return np.asarray(total.reshape(network.n, N_SLOTS) / spacing)
+
+
+def lane_share(network: Network) -> FloatArray:
+    """(N, 12): the part that a slot has of its lanes, which others may share; 1 without lanes.
+
+    Counts and ``storage`` of a lane are divided among its slots.
+    """
+    _, slots, weights = network.lane_slots
+    parts = np.bincount(slots, weights, minlength=network.n * N_SLOTS)
+    lanes = network.slot_lane_count
+    share = parts.reshape(lanes.shape) / np.maximum(lanes, 1)
+    return np.asarray(np.where(lanes > 0, share, 1.0))

@@ -151,7 +151,7 @@ def make_policy(
     """The policy ``names[0]``, or two in turn, with exploration.
 
     Where sensors fail each of them runs as it does in ``tsc-run``, with the usual imputer, but
-    without its maximum red.
+    without its maximum red, and with room kept on roads only as is said here.
     ``min_space`` [vehicles a lane] is what they keep on short roads; 0 for none.
     """
     policy = _make_one(names[0], min_space)
