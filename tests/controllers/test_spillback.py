@@ -22,7 +22,7 @@ from tsc_missing.controllers.fixed_time import FixedTime
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import make_controller
 from tsc_missing.controllers.resolved import min_space_of
-from tsc_missing.controllers.spillback import Spillback, storage
+from tsc_missing.controllers.spillback import Room, Spillback, lane_share, storage
 
 FITS = 40  # vehicles on a lane of 300 m
 
@@ -51,6 +51,21 @@ def test_storage_is_of_all_lanes_of_a_slot(network):
     assert fits[A, slot("E-left")] == FITS
     assert fits[B, slot("W-straight")] == 2 * FITS
     assert not fits[~network.slot_mask].any()
+
+
+def test_vehicles_on_a_lane_that_slots_share_are_counted_once(network):
+    share = lane_share(network)
+    n, k = np.argwhere(share < 1)[0]
+    assert share[n, k] == 0.5
+    assert (share[A] == 1).all()
+    room = Room(network, 3, spacing=7.5)
+    room._fed[n, k] = True
+    answer = np.array([1, 2])
+    answer[n] = np.flatnonzero(~network.phases[n, :, k] & network.phase_mask[n])[0]
+    vehicles = np.zeros(network.slot_mask.shape)
+    for on_lane, stays in ((0.9, True), (FITS - 3, True), (FITS - 2, False)):
+        vehicles[n, k] = on_lane * share[n, k]
+        assert (room.kept(answer, vehicles)[n] == answer[n]) == stays
 
 
 def test_a_road_is_served_once_a_lane_has_room_for_fewer(network):
@@ -148,7 +163,9 @@ def test_who_has_it():
     queue = RunSettings(controller="max-queue")
     assert min_space_of(RunSettings()) == MIN_SPACE_AHEAD
     assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="value"))) == MIN_SPACE
-    assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring="inverse"))) == 0
+    for scoring in ("inverse", "mixed", "queue"):
+        assert min_space_of(RunSettings(diffusion=DiffusionSettings(scoring=scoring))) == 0
+    assert min_space_of(RunSettings(controller="rolling-horizon")) == MIN_SPACE_AHEAD
     assert min_space_of(queue) == 0
     given_space = queue.signals.model_copy(update={"min_space": 4})
     assert min_space_of(queue.model_copy(update={"signals": given_space})) == 4
