@@ -3,6 +3,7 @@
 import gzip
 import importlib.util
 import json
+import re
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
@@ -342,6 +343,9 @@ def test_bad_extracts(command, tmp_path):
     refused(command, *arguments, town(tmp_path / "b.osm", signals=False), words=words)
     (tmp_path / "c.osm").write_text("<osm")
     refused(command, *arguments, tmp_path / "c.osm", words=["osm", "OSM's XML"])
+    alone = town(tmp_path / "d.osm")
+    alone.write_text(re.sub(r'<way id="1[12]".*?</way>', "", alone.read_text(), flags=re.S))
+    refused(command, *arguments, alone, words=[f"--osm: {alone}", "roads that cars may use"])
 
 
 RESCO = importlib.util.find_spec("sumo_rl")

@@ -18,7 +18,14 @@ from tsc_missing.cli.options import (
     make_settings,
     missing_rate,
 )
-from tsc_missing.config import BELIEF_STEPS, BLIND_STEPS, GUIDED_STEPS, RunSettings
+from tsc_missing.config import (
+    BELIEF_STEPS,
+    BLIND_STEPS,
+    GUIDED_STEPS,
+    MIN_SPACE,
+    MIN_SPACE_AHEAD,
+    RunSettings,
+)
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
@@ -160,7 +167,8 @@ def run(
         typer.Option(
             help="A road between intersections that has room for fewer than so many more vehicles "
             "on a lane gets green first. 0: none; fixed plans stay as they are.",
-            show_default="3 for rolling-horizon and difflight, by values 9, else 0",
+            show_default=f"{MIN_SPACE_AHEAD} for rolling-horizon and difflight, by values "
+            f"{MIN_SPACE}, else 0",
         ),
     ] = DEFAULT.signals.min_space,
     gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,

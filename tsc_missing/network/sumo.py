@@ -65,14 +65,16 @@ def open_net(
     if there is no net in it.
     """
     if not path.is_file():
-        raise UserError(name, path, "there is no such file")
+        raise UserError(name, given or path, "there is no such file")
     try:
         net = sumolib.net.readNet(str(path), withPrograms=True, withFoes=True)
     except (SAXException, OSError, EOFError, KeyError, ValueError, UnicodeDecodeError) as error:
         what = " ".join(str(error).split())[:120]
-        raise UserError(name, path, f"it cannot be read as a SUMO net ({what})") from None
+        words = f"it cannot be read as a SUMO net ({what})"
+        raise UserError(name, given or path, words) from None
     if not net.getEdges():
-        raise UserError(name, path, "it must be a SUMO net (.net.xml) with roads")
+        words = "it must be a SUMO net (.net.xml), or an extract, with roads that cars may use"
+        raise UserError(name, given or path, words)
     found: dict[str, list[str]] = {}
     for light in net.getTrafficLights():
         own = [p for p in light.getPrograms().values() if p.getType() not in NO_SIGNALS]
