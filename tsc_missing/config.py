@@ -212,8 +212,9 @@ class RunSettings(Settings):
     signals: SignalSettings = SignalSettings()
     sensor: SensorSettings = SensorSettings()
     vehicle: VehicleType = VehicleType()
-    count_error: float = Field(0.0, ge=0, le=2)  # of the turning counts that controllers are told:
-    # the standard deviation of their logarithm, drawn with the seed for each movement
+    turning_counts: Literal["run", "none"] = "run"  # that controllers are told
+    count_error: float = Field(0.0, ge=0, le=2)  # of those of the run: the standard deviation
+    # of their logarithm, drawn with the seed for each movement
     horizon: int = Field(3600, gt=0)  # [s]
     seed: int = Field(0, ge=0, lt=SEEDS)
     mask_seed: int | None = Field(None, ge=0, lt=SEEDS)  # of the mask alone; None: seed
@@ -222,6 +223,12 @@ class RunSettings(Settings):
     def _draws_what_has_a_seed(self) -> Self:
         if self.missing.file and self.mask_seed is not None:
             raise ValueError("a mask_seed cannot go with a file, from which nothing is drawn")
+        return self
+
+    @model_validator(mode="after")
+    def _errs_in_what_is_told(self) -> Self:
+        if self.turning_counts == "none" and self.count_error:
+            raise ValueError("a count_error cannot go with turning_counts none: nothing is told")
         return self
 
     @property

@@ -39,3 +39,18 @@ def test_wrong_counts_are_told_to_who_asks_for_counts_only(command, small_net):
 @pytest.mark.parametrize("error", ["-0.1", "nan", "3", "some"])
 def test_count_errors_that_are_none(command, error):
     refused(command, "run", "--count-error", error, words=["--count-error", error])
+
+
+def test_who_is_told_no_counts_leans_on_what_is_generated(command):
+    told = ("--turning-counts", "none", *KRIGING)
+    drawn, alone = (travel_time(command, name, *told) for name in ("difflight", "rolling-horizon"))
+    assert drawn < alone
+
+
+def test_counts_that_nobody_knows(command):
+    refused(command, "run", "--turning-counts", "some", words=["--turning-counts", "some", "none"])
+
+
+def test_an_error_of_no_counts(command):
+    options = ("--turning-counts", "none", "--count-error", 0.3)
+    refused(command, "run", *options, words=["count_error", "turning_counts none"])

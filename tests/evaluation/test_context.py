@@ -6,7 +6,7 @@ import pytest
 from tests.cityflow_files import grid_flows, grid_roadnet, write
 from tsc_missing.config import RunSettings
 from tsc_missing.demand.trips import Demand, Trip, turning_flows
-from tsc_missing.evaluation.closed_loop import control_context
+from tsc_missing.evaluation.closed_loop import UNCOUNTED, control_context
 from tsc_missing.evaluation.run import Options, prepare
 from tsc_missing.network.importing import import_cityflow
 
@@ -28,6 +28,20 @@ def test_turning_flows_are_a_mean_over_the_time_with_demand(net, small_net):
     longer, plain = flows(net, 2 * hours)
     np.testing.assert_array_equal(longer, whole)
     np.testing.assert_allclose(2 * plain, whole)
+
+
+def test_without_turning_counts_all_lanes_are_alike():
+    told = []
+    for seed, volume in ((0, 0.5), (1, 1.0)):
+        settings = RunSettings(net="jinan", turning_counts="none", seed=seed, volume=volume)
+        scene = prepare(settings, Options()).scene
+        context = control_context(scene, settings)
+        assert not context.counted
+        np.testing.assert_array_equal(
+            context.turning_flows, UNCOUNTED * scene.network.slot_lane_count
+        )
+        told.append(context.turning_flows)
+    np.testing.assert_array_equal(*told)
 
 
 def test_an_import_that_read_beyond_the_end_of_its_flow(tmp_path):

@@ -37,6 +37,7 @@ METHOD_GROUPS = (
     "q_weights",
 )  # settings that make a method,
 METHOD_KEYS = (  # and so do these
+    ("turning_counts",),
     ("count_error",),
     ("signals", "min_space"),
     ("signals", "max_red"),

@@ -117,11 +117,15 @@ def run(
         Path | None,
         typer.Option(help="What is missing: the mask.npz of another run, or a CSV of outages."),
     ] = None,
+    turning_counts: Annotated[
+        str,
+        typer.Option(help="That controllers are told. run: of this very run; none: no counts."),
+    ] = DEFAULT.turning_counts,
     count_error: Annotated[
         float,
         typer.Option(
-            help="How wrong the turning counts are that controllers are told: the standard "
-            "deviation of their logarithm, 0.3 for about 30 %."
+            help="How wrong these turning counts are: the standard deviation of their "
+            "logarithm, 0.3 for about 30 %."
         ),
     ] = DEFAULT.count_error,
     seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
@@ -213,6 +217,7 @@ def run(
             **({} if yellow is None else {"yellow": yellow}),
             **({} if min_green is None else {"min_green": min_green}),
         },
+        turning_counts=turning_counts,
         count_error=count_error,
         seed=seed,
         mask_seed=mask_seed,

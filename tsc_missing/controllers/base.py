@@ -13,8 +13,9 @@ class ControlContext:
     """What is known before the first step.
 
     ``turning_flows`` are the vehicles per hour that want to use each slot, as from a turning
-    count; ``sensors`` is the inventory: which slots have a sensor that ever reports. A phase that
-    ends before ``min_steps`` is held, so that another one is late or, in a cycle, left out.
+    count, or where nobody ``counted`` the same for each lane; ``sensors`` is the inventory: which
+    slots have a sensor that ever reports. A phase that ends before ``min_steps`` is held, so that
+    another one is late or, in a cycle, left out.
     """
 
     network: Network
@@ -28,6 +29,7 @@ class ControlContext:
     tau: float = 2.0  # [s] of the vehicles, from the bumper before to their own
     max_speed: float = 11.111  # [m/s] of the vehicles, where the road allows it
     detector_length: float | None = None  # [m] before the stop line; None: whole lanes
+    counted: bool = True
 
 
 class Controller(ABC):

@@ -21,6 +21,7 @@ YELLOW_USE = 1.0  # [s] of a yellow in which vehicles still leave
 APPROACH_LOSS = 4.0  # [s] that a vehicle takes longer to the stop line than at the speed limit
 MEMORY = 0.05  # weight of a decision step's inflow in the usual inflow
 GAIN = 0.02  # part of the difference to a guess by which a prediction is corrected in a step
+UNCOUNTED_GAIN = 0.2  # the same of predictions without turning counts
 TINY = 1e-9  # [vehicles] that keep shares of nobody defined
 LITTLE = 1e-4  # [vehicles/s] of a slot, so that turns are defined without inflow
 
@@ -56,6 +57,7 @@ class PointQueues:
     towards a guess if there is one, and kept to what the road has room for. When in the step they
     entered is told by the outflow upstream, and after a silence by what was predicted in it.
     The usual inflow begins with the turning counts, and follows what is observed or guessed.
+    Without turning counts a guess weighs more: ``UNCOUNTED_GAIN``.
     """
 
     def __init__(self, context: ControlContext, ahead: int, hold: int) -> None:
@@ -66,6 +68,7 @@ class PointQueues:
         self.network = context.network
         self._interval = context.decision_interval
         self._lost = context.lost_time
+        self._gain = GAIN if context.counted else UNCOUNTED_GAIN
         self.substeps = max(1, round(self._interval / SUBSTEP))  # of a decision step
         self.substep = self._interval / self.substeps  # [s]
         self.stage = hold * self.substeps  # substeps of a stage
@@ -149,7 +152,7 @@ class PointQueues:
         """
         vehicles = np.maximum(vehicles, 0.0)
         if guess is not None:
-            drawn = GAIN * (guess[:, :, VEHICLES] - vehicles)
+            drawn = self._gain * (guess[:, :, VEHICLES] - vehicles)
             vehicles = vehicles + np.where(np.isfinite(drawn), drawn, 0.0)
         return np.minimum(vehicles, self._room)
 
