@@ -47,7 +47,7 @@ def run_app(app: typer.Typer, name: str, kept: str = NOTHING_KEPT) -> NoReturn:
     SIGTERM, which schedulers of clusters and ``timeout`` send, is a Ctrl-C. ``kept`` says what is
     left after one that the app did not take itself.
     """
-    sys.exit(_status(lambda: app(prog_name=name, standalone_mode=False), kept))
+    sys.exit(_status(lambda: _call(app, name), kept))
 
 
 def run_app_and_leave(app: typer.Typer, name: str) -> NoReturn:
@@ -55,11 +55,21 @@ def run_app_and_leave(app: typer.Typer, name: str) -> NoReturn:
 
     Exit handlers do not run, so the app must have closed what it opened.
     """
-    status = _status(lambda: app(prog_name=name, standalone_mode=False), NOTHING_KEPT)
+    status = _status(lambda: _call(app, name), NOTHING_KEPT)
     for stream in filter(None, (sys.stdout, sys.stderr)):
         with contextlib.suppress(OSError):
             stream.flush()
     os._exit(status)
+
+
+def _call(app: typer.Typer, name: str) -> object:
+    """What the app returns; ``--version`` alone says what a result of it depends on."""
+    if sys.argv[1:] != ["--version"]:
+        return app(prog_name=name, standalone_mode=False)
+    from tsc_missing.versions import versions
+
+    print(name, ", ".join(f"{key} {value}" for key, value in versions().items()))
+    return DONE
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
