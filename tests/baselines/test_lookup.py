@@ -62,6 +62,13 @@ def test_a_network_without_packaged_weights_says_what_makes_them(package):
     )
 
 
+def test_a_baseline_that_learns_from_holes_is_found_where_its_command_leaves_it():
+    settings = RunSettings(controller="cql-model-based", net="jinan_2")
+    with pytest.raises(UserError, match="data/strict-jinan_2-random` makes") as caught:
+        controller_of(settings)
+    assert "runs/train-cql-model-based-strict-jinan_2-random uses them" in str(caught.value)
+
+
 def test_own_weights_go_before_packaged_ones_and_may_name_the_network(package):
     mine = str(package / "t")
     settings = RunSettings(controller="bc", net="jinan_2", q_weights=mine)

@@ -122,3 +122,16 @@ def test_as_published_has_nothing_of_what_was_added():
     for name in ("known_flag", "own_signals", "slot_identity", "downstream"):
         config = DiffLightConfig.as_published().model_copy(update={name: True})
         assert not config.is_published
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("noise_model", "unet"),
+        ("padded_rewards", True),
+        ("dcm", False),
+        ("inverse_dynamics", False),
+    ],
+)
+def test_a_part_of_the_method_is_not_the_method(name, value):
+    assert not DiffLightConfig.as_published().model_copy(update={name: value}).is_published

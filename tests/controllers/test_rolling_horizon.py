@@ -395,7 +395,7 @@ def test_what_upstream_sends_is_expected():
 
 
 def test_long_minimum_greens_and_many_phases_make_plans_shorter_not_wrong():
-    assert HorizonPlans(replace(CONTEXT, min_steps=np.array([1, 3])))._roads.stage == 9
+    assert HorizonPlans(replace(CONTEXT, min_steps=np.array([3, 4])))._roads.stage == 9
     fine = HorizonPlans(replace(CONTEXT, decision_interval=5.0, lost_time=3.0))
     assert fine._roads.stage == 3
     observation = random_observation(np.random.default_rng(1))
@@ -440,3 +440,11 @@ def test_estimates_are_what_was_seen_and_believed():
 def test_a_queue_does_not_leave_at_the_speed_limit():
     fast = roads(replace(CONTEXT, tau=1.0))
     assert fast.step_capacity[:, 1, 1, A, STRAIGHT].sum() == pytest.approx(15 / LEAST_HEADWAY)
+
+
+def test_one_long_phase_does_not_make_all_plans_coarse():
+    observation = random_observation(np.random.default_rng(0))
+    slow = replace(CONTEXT, min_steps=np.array([1, 5]))
+    plain, other = (HorizonPlans(one).costs(observation) for one in (CONTEXT, slow))
+    assert CONTEXT.min_steps.tolist() == [1, 1]
+    np.testing.assert_array_equal(other, plain)

@@ -51,6 +51,12 @@ def test_a_file_that_is_cut_off(path, kept):
     assert "cut off" in refusal(path)
 
 
+def test_a_manifest_that_is_none(path):
+    made, _ = load_weights(path)
+    save_file(made.state_dict(), path, metadata={"manifest": "[1]"})
+    assert "not a weights file" in refusal(path)
+
+
 def test_a_file_of_another_version(path):
     rewrite(path, version=99)
     assert "version 99" in refusal(path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.cityflow_files import grid_flows, grid_roadnet, write
-from tsc_missing.config import RunSettings
+from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.demand.trips import Demand, Trip, turning_flows
 from tsc_missing.evaluation.closed_loop import UNCOUNTED, control_context
 from tsc_missing.evaluation.run import Options, prepare
@@ -55,3 +55,11 @@ def test_an_import_that_read_beyond_the_end_of_its_flow(tmp_path):
 def test_the_span_of_a_demand(last, span):
     trips = (Trip(0.0, ("a", "b")), Trip(last, ("a", "b")))
     assert Demand(trips, "recorded", duration=5400).span == span
+
+
+def test_what_is_silent_for_all_of_a_short_run_has_a_sensor():
+    missing = MissingSettings(pattern="random", rate=0.9)
+    settings = RunSettings(net="jinan", horizon=30, missing=missing)
+    scene = prepare(settings, Options()).scene
+    assert not scene.mask.any(axis=0).all()
+    assert control_context(scene, settings).sensors.all()

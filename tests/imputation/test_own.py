@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tests.controllers.helpers import A, context, cross_and_tee, observe, slot, with_holes
+from tests.networks import sharing_lanes
 from tsc_missing.controllers.own import OwnController
 from tsc_missing.controllers.spillback import Spillback
+from tsc_missing.imputation.check import check_imputer
 from tsc_missing.imputation.own import OwnImputer
 
 NETWORK = cross_and_tee()
@@ -48,6 +50,12 @@ class Narrow(Zeros):
 class Halves(Zeros):
     def change(self, filled):
         return replace(filled, values=filled.values / 2)
+
+
+class Single(Zeros):
+    def change(self, filled):
+        parts = (part.astype(np.float32) for part in (filled.values, filled.exits))
+        return filled.filled(*parts)
 
 
 class Repaints(Zeros):
@@ -109,6 +117,14 @@ def test_only_numbers_are_taken_from_an_answer(mine, observation):
         np.testing.assert_array_equal(getattr(painted, name), value)
     np.testing.assert_array_equal(painted.mask, observation.mask)
     assert np.isfinite(painted.values).all()
+
+
+def test_single_precision_leaves_parts_of_vehicles_as_they_were(mine, observation):
+    thirds = observation.filled(observation.values / 3, observation.exits / 3)
+    filled = fill(mine, "Single", thirds)
+    seen = np.isfinite(thirds.values)
+    np.testing.assert_array_equal(filled.values[seen], thirds.values[seen])
+    check_imputer(lambda: OwnImputer(f"{mine}:Single"), sharing_lanes(NETWORK))
 
 
 def test_estimates_of_another_shape_cost_no_decision(mine, observation):

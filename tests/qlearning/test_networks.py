@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.controllers.helpers import context
 from tests.networks import grid_network, tee_network
-from tsc_missing.qlearning.controller import PhaseValues
+from tsc_missing.controllers.advanced_max_pressure import share_in_reach
+from tsc_missing.qlearning.controller import PhaseValues, QPolicy
 from tsc_missing.qlearning.features import (
     N_NAMES,
     NAMES,
@@ -99,6 +103,19 @@ def test_what_was_filled_in_can_be_told():
         for slot in range(12):
             ago = [k for k in range(5) if known[4 - k, n, slot]]
             assert found[n, slot, 1] == pytest.approx((ago[0] if ago else 5) / 5)
+
+
+def test_a_short_detector_sees_who_is_near_only():
+    network = NETWORKS["tee"]
+    near = SlotTables.of(network, 15.0, 50.0)
+    np.testing.assert_array_equal(near.in_reach, share_in_reach(network, 15.0, 50.0))
+    q = PhaseValue(8, 1)
+    given = replace(context(network), detector_length=50.0)
+    for made in (PhaseValues.for_run(q, given), QPolicy(q, "q")):
+        if isinstance(made, QPolicy):
+            made.reset(given)
+            made = made._values
+        np.testing.assert_array_equal(made._tables.in_reach, near.in_reach)
 
 
 def test_being_told_changes_nothing_by_itself_and_then_counts():

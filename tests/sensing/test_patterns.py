@@ -11,7 +11,7 @@ from tsc_missing.config import MissingSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.sensing.masks import missing_share
-from tsc_missing.sensing.patterns import PATTERNS, draw_mask
+from tsc_missing.sensing.patterns import PATTERNS, draw_mask, equipped
 
 GRID = grid_network(3, 4)
 LONG = grid_network(6, 3)
@@ -245,3 +245,19 @@ def test_mixed_has_all_three_kinds():
 def test_a_single_intersection_can_be_blind():
     single = grid_network(1, 1)
     assert blind(1.0, single) == blind(1.0, single, adjacent=True) == {0}
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@given(seed=SEEDS, rate=st.floats(0, 0.25), tee=st.booleans())
+def test_the_inventory_is_what_reports_in_the_long_run(pattern, seed, rate, tee):
+    network = TEE if tee and pattern != "kriging" else GRID
+    missing = MissingSettings(pattern=pattern, rate=0.0 if pattern == "none" else rate)
+    inventory = equipped(missing, network, seed)
+    np.testing.assert_array_equal(inventory, draw_mask(missing, network, 500, seed).any(axis=0))
+    assert (inventory >= draw_mask(missing, network, 1, seed)[0]).all()
+
+
+@pytest.mark.parametrize("pattern", sorted(set(PATTERNS) - {"none", "kriging"}))
+def test_where_all_is_missing_there_is_no_sensor(pattern):
+    inventory = equipped(MissingSettings(pattern=pattern, rate=1.0), TEE, 0)
+    np.testing.assert_array_equal(inventory, ~TEE.slot_mask)

@@ -135,7 +135,15 @@ def settings_class(algorithm: Any) -> type[BaselineSettings] | None:
 
 
 def train_command(controller: str, net: str) -> str:
-    """What makes the weights of a baseline for a dataset's network."""
+    """What makes the weights of a baseline for a dataset's network, in ``trained_folder``."""
+    return f"tsc-train {controller} --data data/{_log(controller, net)}"
+
+
+def trained_folder(controller: str, net: str) -> str:
+    """Where the ``train_command`` leaves them."""
+    return f"runs/train-{controller}-{_log(controller, net)}"
+
+
+def _log(controller: str, net: str) -> str:
     with_holes = SETTINGS[controller] is CQLModelBasedSettings
-    log = f"strict-{net}-random" if with_holes else net
-    return f"tsc-train {controller} --data data/{log}"
+    return f"strict-{net}-random" if with_holes else net

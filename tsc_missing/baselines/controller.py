@@ -38,7 +38,9 @@ class BaselineController(Controller):
     def reset(self, context: ControlContext) -> None:
         """Forget everything and get ready for a run on the context's network."""
         n, history = context.network.n, self._policy.history
-        self._tables = SlotTables.of(context.network, context.decision_interval)
+        self._tables = SlotTables.of(
+            context.network, context.decision_interval, context.detector_length
+        )
         self._generator = torch.Generator().manual_seed(context.seed)
         self._recent = Steps(
             graph=Graph.of(context.network),

@@ -14,7 +14,7 @@ class ControlContext:
 
     ``turning_flows`` are the vehicles per hour that want to use each slot, as from a turning
     count, or where nobody ``counted`` the same for each lane; ``sensors`` is the inventory: which
-    slots have a sensor that ever reports. A phase that ends before ``min_steps`` is held, so that
+    slots have a sensor that may report. A phase that ends before ``min_steps`` is held, so that
     another one is late or, in a cycle, left out.
     """
 

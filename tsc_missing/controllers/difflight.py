@@ -192,4 +192,4 @@ def load_q(weights: Path, planner: Planner) -> Callable[[ControlContext], PhaseV
     if 1 + network.history > filled:
         words = f"they look back {network.history} steps, and the diffusion weights {filled - 1}"
         raise UserError("q_weights", weights, words)
-    return lambda context: PhaseValues(network, context.network, context.decision_interval)
+    return lambda context: PhaseValues.for_run(network, context)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from tsc_missing.baselines.config import SETTINGS as BASELINES
-from tsc_missing.baselines.config import train_command
+from tsc_missing.baselines.config import train_command, trained_folder
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.base import Controller
 from tsc_missing.controllers.blind import Blind
@@ -167,11 +167,12 @@ def _learned(name: str, q_weights: str, net: str) -> Controller:
     from tsc_missing.baselines.controller import make_baseline
 
     command = train_command(name, network_name(net))
+    folder = trained_folder(name, network_name(net))
     if q_weights == "auto" and weights not in packaged_weights():
         raise UserError(
             WEIGHTS,
             weights,
-            f"`{command}` makes them, and --policy-weights runs/train-{weights} uses them",
+            f"`{command}` makes them, and --policy-weights {folder} uses them",
             verdict="are not in the package",
         )
     return make_baseline(name, find_weights(weights, command))

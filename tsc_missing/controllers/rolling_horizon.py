@@ -11,7 +11,7 @@ from tsc_missing.sensing.observation import Observation
 
 NAME = "rolling-horizon"
 AHEAD = 4  # stages of a plan
-STAGE = 15.0  # [s] that a stage lasts about, or as long as a phase must
+STAGE = 15.0  # [s] that a stage lasts about, or as long as most intersections' phases must
 MOST_PLANS = 700  # of an intersection; where any has many phases all plan fewer stages
 LEFT_OVER = 45.0  # [s] that each vehicle still waiting when a plan ends is taken to wait on,
 LEFT_OVER_MORE = 0.75  # [s] and for each vehicle before it on its slot
@@ -31,7 +31,8 @@ class HorizonPlans:
         """For a run on the context's network."""
         network = context.network
         self._network = network
-        hold = max(int(context.min_steps.max()), round(STAGE / context.decision_interval), 1)
+        usual = int(np.quantile(context.min_steps, 0.5, method="lower"))
+        hold = max(usual, round(STAGE / context.decision_interval), 1)
         phases = network.phase_mask.shape[1]
         self._ahead = AHEAD
         while self._ahead > 1 and phases**self._ahead > MOST_PLANS:

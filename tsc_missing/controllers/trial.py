@@ -6,6 +6,7 @@ from dataclasses import fields
 import numpy as np
 
 from tsc_missing.controllers.base import ControlContext
+from tsc_missing.controllers.spillback import lane_share
 from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.sensing.observation import N_FEATURES, Measurement, Observation
 
@@ -33,14 +34,15 @@ def trial_context(network: Network) -> ControlContext:
 
 def trial_world(context: ControlContext) -> Iterator[tuple[Measurement, BoolArray]]:
     """Truth and mask of each step; the middle third of the steps has no report at all."""
-    slots = context.network.slot_mask
+    slots, share = context.network.slot_mask, lane_share(context.network)
     random = np.random.default_rng(1)
     for step in range(STEPS):
         reported = context.sensors & (random.random(slots.shape) < 0.5)
         if STEPS // 3 <= step < 2 * STEPS // 3:
             reported = np.zeros_like(slots)
         mask = reported | ~slots
-        counts = random.integers(0, 9, (*slots.shape, 3)).astype(np.float64) * slots[:, :, None]
+        counts = random.integers(0, 9, (*slots.shape, 3)).astype(np.float64)
+        counts *= (slots * share)[:, :, None]
         counts[:, :, 0] += counts[:, :, 1]
         yield Measurement(values=counts[:, :, :N_FEATURES], exits=counts[:, :, N_FEATURES]), mask
 

@@ -8,7 +8,11 @@ from tsc_missing.config import Settings
 
 Precision = Literal["float32", "bfloat16"]
 
-PUBLISHED = {  # what was added here to the method, switched off
+PUBLISHED = {  # the method as its paper has it: whole, and what was added here switched off
+    "noise_model": "stformer",
+    "padded_rewards": False,
+    "dcm": True,
+    "inverse_dynamics": True,
     "predict": "noise",
     "known_flag": False,
     "own_signals": False,
@@ -78,5 +82,5 @@ class DiffLightConfig(Settings):
 
     @property
     def is_published(self) -> bool:
-        """Whether nothing that was added here is switched on; sizes may differ."""
+        """Whether it is the method of the paper, whole and no more; sizes may differ."""
         return all(getattr(self, name) == value for name, value in PUBLISHED.items())

@@ -34,6 +34,7 @@ class Scene:
     mask: BoolArray  # (T, N, 12)
     begin: float = 0.0  # [s] on SUMO's clock; all other times count from it
     additional: Path | None = None  # signal programs beside those of the net
+    sensors: BoolArray | None = None  # (N, 12) the inventory; None: those that ever report
 
 
 @dataclass
@@ -106,7 +107,7 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     return ControlContext(
         network=scene.network,
         turning_flows=told_flows(demand, scene.network, settings),
-        sensors=np.any(scene.mask, axis=0),
+        sensors=np.any(scene.mask, axis=0) if scene.sensors is None else scene.sensors,
         decision_interval=signals.decision_interval,
         lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,
         min_steps=np.array([signals.min_steps_at(node) for node in scene.network.intersections]),

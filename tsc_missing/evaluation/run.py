@@ -1,7 +1,7 @@
 """One run, from settings to a run folder and a result."""
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import Network
 from tsc_missing.own_code import own_digest
-from tsc_missing.sensing.masks_of_runs import mask_file, mask_of
+from tsc_missing.sensing.masks_of_runs import mask_file, mask_of, sensors_of
 from tsc_missing.sensing.outage_list import is_list
 from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
@@ -57,9 +57,11 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
     mask = mask_of(settings, scenario.folder.network)
+    sensors = sensors_of(settings, scenario.folder.network, mask)
     if isinstance(controller, NativeProgram):  # nothing is missing for SUMO
         mask = np.ones_like(mask)
-    scene = scenario.scene(settings, mask)
+        sensors = np.ones_like(sensors)
+    scene = replace(scenario.scene(settings, mask), sensors=sensors)
     found = checksums(settings, scenario)
     return Prepared(settings, options, scenario, scene, controller, resolved(settings), found)
 

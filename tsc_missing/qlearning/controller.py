@@ -2,6 +2,7 @@
 
 from collections import deque
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import torch
@@ -24,11 +25,26 @@ from tsc_missing.sensing.observation import Observation
 class PhaseValues:
     """The values that a Q-network gives the phases of a network."""
 
-    def __init__(self, q: QNetwork, network: Network, interval: float) -> None:
-        """Get ready for a network of intersections; ``interval`` [s] between decisions."""
+    def __init__(
+        self,
+        q: QNetwork,
+        network: Network,
+        interval: float,
+        detector_length: float | None = None,
+    ) -> None:
+        """Get ready for a network of intersections; ``interval`` [s] between decisions.
+
+        Sensors cover ``detector_length`` [m] before the stop line, None for whole lanes.
+        """
         self._q = q
         self._graph = Graph.of(network)
-        self._tables = SlotTables.of(network, interval)
+        self._tables = SlotTables.of(network, interval, detector_length)
+
+    @classmethod
+    def for_run(cls, q: QNetwork, context: ControlContext) -> Self:
+        """Of a run's network, decisions and sensors."""
+        interval, length = context.decision_interval, context.detector_length
+        return cls(q, context.network, interval, length)
 
     @torch.inference_mode()
     def of(
@@ -64,7 +80,7 @@ class QPolicy(Controller):
 
     def reset(self, context: ControlContext) -> None:
         """Take the network, and forget what was before."""
-        self._values = PhaseValues(self._q, context.network, context.decision_interval)
+        self._values = PhaseValues.for_run(self._q, context)
         self._seen: deque[Observation] = deque(maxlen=1 + self._q.history)
 
     def decide(self, observation: Observation) -> IntArray:

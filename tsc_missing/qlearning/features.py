@@ -52,12 +52,14 @@ class SlotTables:
     exit_lanes: IntArray  # (N, 12)
 
     @classmethod
-    def of(cls, network: Network, interval: float) -> "SlotTables":
-        """``interval`` [s] between decisions."""
+    def of(
+        cls, network: Network, interval: float, detector_length: float | None = None
+    ) -> "SlotTables":
+        """``interval`` [s] between decisions; sensors cover ``detector_length`` [m], None all."""
         return cls(
             there=network.slot_mask,
             lanes=network.slot_lane_count,
-            in_reach=share_in_reach(network, interval),
+            in_reach=share_in_reach(network, interval, detector_length),
             upstream=network.neighbours,
             downstream=network.downstream,
             exit_lanes=network.exit_lane_count,

@@ -4,12 +4,14 @@ import contextlib
 import json
 from pathlib import Path
 
+import numpy as np
+
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.sensing.masks import load_mask
 from tsc_missing.sensing.outage_list import is_list, read_outages
-from tsc_missing.sensing.patterns import draw_mask
+from tsc_missing.sensing.patterns import draw_mask, equipped
 
 
 def mask_of(settings: RunSettings, network: Network) -> BoolArray:
@@ -22,6 +24,13 @@ def mask_of(settings: RunSettings, network: Network) -> BoolArray:
         return read_outages(path, network, settings.steps, interval)
     _check_interval(path, settings.signals.decision_interval)
     return load_mask(path, network, settings.steps)
+
+
+def sensors_of(settings: RunSettings, network: Network, mask: BoolArray) -> BoolArray:
+    """(N, 12): which slots have a sensor; where a file says what is missing, those that report."""
+    if mask_file(settings) is None:
+        return equipped(settings.missing, network, settings.seed_of_mask)
+    return np.asarray(np.any(mask, axis=0))
 
 
 def _check_interval(path: Path, interval: int) -> None:

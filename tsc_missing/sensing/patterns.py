@@ -27,6 +27,21 @@ def draw_mask(settings: MissingSettings, network: Network, steps: int, seed: int
     return np.broadcast_to(reported, (steps, network.n, N_SLOTS)) | absent
 
 
+def equipped(settings: MissingSettings, network: Network, seed: int) -> BoolArray:
+    """(N, 12): the inventory of a drawn mask: which slots have a sensor, that may fail.
+
+    Those of blind intersections have none, and where all is missing there are none; the others
+    are there, however long they are silent.
+    """
+    there = network.slot_mask & (settings.rate < 1 or settings.pattern == "none")
+    rng = stream(seed, "mask")
+    if settings.pattern == "kriging":
+        there = there & _kriging(settings, network, 1, rng)[0]
+    if settings.pattern == "mixed":
+        there = there & _without(_blind_in_mixture(settings, network, rng)[0], network.n)[0]
+    return there | ~network.slot_mask
+
+
 def _none(
     settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
 ) -> BoolArray:
@@ -77,15 +92,22 @@ def _mixed(
     independent, so that the expected share of missing slots is 1 - (1 - a)(1 - b)^2 = ``rate``.
     """
     _check_outages(settings, 1 - (1 - largest_share(settings.mean_outage)) ** 2)
-    order = _greedy_independent(network.adjacency, rng.permutation(network.n))
-    shares = np.cumsum(network.slot_mask[order].sum(axis=1)) / network.slot_mask.sum()
-    count = int(np.searchsorted(shares, settings.rate / 3 + 1e-9, side="right"))
-    blind_share = shares[count - 1] if count else 0.0
+    blind, blind_share = _blind_in_mixture(settings, network, rng)
     rest = 1 - math.sqrt((1 - settings.rate) / (1 - blind_share))
     chance = rng.random((steps, network.n, 1 + N_SLOTS))
     out = outages(rest, settings.mean_outage, chance[:, :, 0])[:, :, None]
     lanes = _by_lanes(chance[:, :, 1:] >= rest, network)
-    return _without(order[:count], network.n) & ~out & lanes
+    return _without(blind, network.n) & ~out & lanes
+
+
+def _blind_in_mixture(
+    settings: MissingSettings, network: Network, rng: np.random.Generator
+) -> tuple[IntArray, float]:
+    """The blind intersections of ``_mixed``, and their share of the slots."""
+    order = _greedy_independent(network.adjacency, rng.permutation(network.n))
+    shares = np.cumsum(network.slot_mask[order].sum(axis=1)) / network.slot_mask.sum()
+    count = int(np.searchsorted(shares, settings.rate / 3 + 1e-9, side="right"))
+    return order[:count], float(shares[count - 1]) if count else 0.0
 
 
 PATTERNS: dict[str, Pattern] = {

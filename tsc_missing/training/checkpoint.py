@@ -66,6 +66,8 @@ def check_same(
     """
     wanted = settings.model_dump(mode="json")
     for name in wanted.keys() - resumable:
+        if name not in at.settings and type(settings).model_fields[name].is_required():
+            raise UserError("out", folder, "another kind of training was begun in it")
         before = at.settings.get(name, type(settings).model_fields[name].default)
         if wanted[name] != before:
             raise UserError(name, wanted[name], f"{folder} was begun with {before}")

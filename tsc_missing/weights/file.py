@@ -51,12 +51,12 @@ def read_tensors(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Tenso
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
         with safe_open(path, framework="pt") as file:
-            manifest = json.loads((file.metadata() or {})["manifest"])
+            manifest = dict(json.loads((file.metadata() or {})["manifest"]))
             return manifest, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except OSError as error:
         reason = error.strerror or "no such file"
         raise UserError(FIELD, path, f"the file cannot be read ({reason})") from None
-    except (SafetensorError, KeyError, ValueError):
+    except (SafetensorError, KeyError, ValueError, TypeError):
         raise UserError(FIELD, path, "not a weights file, or cut off") from None
 
 
