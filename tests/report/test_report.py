@@ -432,3 +432,15 @@ def test_long_names_fit_beside_lines():
     assert len(words) == LONGEST
     assert words.startswith("/home")
     assert words.endswith("mine.py:LongestWait")
+
+
+def test_own_imputers_are_no_base(results):
+    def with_own(run):
+        if run.spec.method != "max-queue":
+            return run
+        settings = run.spec.settings.model_copy(update={"imputer": "mine.py:Mine"})
+        return replace(run, spec=run.spec.model_copy(update={"settings": settings}))
+
+    changed = Results(results.plans, map(with_own, results.runs))
+    assert changed.kinds["max-queue"] == "own"
+    assert best_conventional(changed, "jinan_1", "none", "att_all") == "max-pressure"

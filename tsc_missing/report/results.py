@@ -11,13 +11,10 @@ from tsc_missing.batch.folder import Plan, read_plan, run_folder
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.batch.table import FINISHED, Row, read_rows
 from tsc_missing.controllers.catalogue import NATIVE
-from tsc_missing.controllers.resolved import uses_weights
+from tsc_missing.controllers.resolved import code_of, uses_weights
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.run_folder import MASK
-from tsc_missing.network.folder import NET
-from tsc_missing.own_code import is_own
+from tsc_missing.report.comparable import FIELD, check_comparable
 
-FIELD = "results"
 NOTHING_MISSING = "none"  # the case
 
 Kind = Literal["reference", "conventional", "learned", "own"]
@@ -36,7 +33,7 @@ class Run:
         """``reference``: run by SUMO itself, which sees everything, whatever is missing."""
         if self.spec.settings.controller in NATIVE:
             return "reference"
-        if is_own(self.spec.settings.controller):
+        if code_of(self.spec.settings):
             return "own"
         return "learned" if uses_weights(self.spec.settings) else "conventional"
 
@@ -156,8 +153,8 @@ def read_results(folders: Sequence[Path]) -> Results:
     """The results of batches, read from their run folders.
 
     ``UserError`` for what is no batch's folder, has no finished run, or where two of them have a
-    run of one dataset, case, method and seed, or where runs that are compared with each other had
-    another demand, horizon, vehicle type or mask.
+    run of one dataset, case, method and seed, or where runs that are compared or averaged cannot
+    be (``check_comparable``).
     """
     plans, runs = [], []
     for folder in folders:
@@ -169,45 +166,8 @@ def read_results(folders: Sequence[Path]) -> Results:
     if not results.finished:
         raise UserError(FIELD, folders[0], "no run in it is finished")
     _check_one_of_each(results)
-    _check_same_scenes(results)
+    check_comparable(results.finished)
     return results
-
-
-def _check_same_scenes(results: Results) -> None:
-    """Runs of a dataset, case and seed are compared with each other."""
-    first: dict[tuple[str, str, int], Run] = {}
-    for run in results.finished:
-        one = first.setdefault((run.spec.dataset, run.spec.case, run.spec.settings.seed), run)
-        for name, there in _scene(run).items():
-            here = _scene(one)[name]
-            if None not in (here, there) and here != there:
-                raise UserError(
-                    FIELD,
-                    run.folder,
-                    f"that of {one.folder} is {here}; give them reports of their own",
-                    verdict=f"cannot be compared: {name} is {there}",
-                )
-
-
-def _scene(run: Run) -> dict[str, object]:
-    """What the runs that are compared with each other have in common."""
-    settings = run.spec.settings
-    files = json.loads(run.row["checksums"] or "{}")
-    demand = [digest for name, digest in files.items() if name.startswith("demand: ")]
-    return {
-        "demand": run.row["demand_kind"],
-        "the network's file": _short(files.get(NET)),
-        "the demand's file": _short(next(iter(demand), None)),
-        "volume": settings.volume,
-        "horizon": settings.horizon,
-        "vehicle": settings.vehicle.model_dump(),
-        "mask": run.row[f"{MASK}_sha256"],  # none of SUMO's own programs
-    }
-
-
-def _short(digest: str | None) -> str | None:
-    """A checksum as it is told."""
-    return None if digest is None else digest[:12]
 
 
 def _check_one_of_each(results: Results) -> None:
