@@ -1,6 +1,8 @@
 """Batches whose folder changes, or breaks, at the wrong moment."""
 
 import json
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,16 @@ from tsc_missing.batch.suite import read_suite
 from tsc_missing.batch.task import Task, run_task
 from tsc_missing.batch.worker import Outcome
 from tsc_missing.errors import UserError
+from tsc_missing.report.results import read_results
 from tsc_missing.versions import versions
+
+OWN = """
+from tsc_missing.controllers.max_queue import MaxQueue
+
+
+class Mine(MaxQueue):
+    pass
+"""
 
 
 @pytest.fixture
@@ -27,6 +38,12 @@ def prepare(tmp_path, small_net):
         return prepare_batch(read_suite(str(path)), tmp_path / "b", skip=False, any_version=False)
 
     return prepared
+
+
+def first_task(batch, tmp_path):
+    run = batch.suite.runs[0]
+    inputs, here = batch.inputs.of(run), Path.cwd()
+    return Task(run.name, run.settings, tmp_path / "x", False, tmp_path, versions(), inputs, here)
 
 
 def names(batch):
@@ -52,7 +69,7 @@ def test_a_table_that_cannot_be_made_costs_no_run(prepare, monkeypatch):
     batch = prepare()
     with pytest.raises(UserError, match="cannot be read"):
         run_batch(batch, Means())
-    assert finished_runs(batch.out, batch.suite.runs, batch.scenarios, False) == set(names(batch))
+    assert finished_runs(batch.out, batch.suite.runs, batch.inputs, False) == set(names(batch))
 
 
 def test_a_start_without_space_leaves_nothing_and_one_that_was_killed_goes_on(prepare, monkeypatch):
@@ -108,8 +125,7 @@ def test_faults_that_pass_are_worth_another_attempt(prepare, tmp_path, monkeypat
         raise fault
 
     monkeypatch.setattr("tsc_missing.evaluation.run._execute", broken)
-    (run, _) = prepare().suite.runs
-    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, versions(), Path.cwd())
+    task = first_task(prepare(), tmp_path)
     failure = run_task(task)
     assert failure.kind == "error"
     assert words in failure.error
@@ -117,10 +133,64 @@ def test_faults_that_pass_are_worth_another_attempt(prepare, tmp_path, monkeypat
 
 
 def test_a_worker_of_another_version_runs_nothing(prepare, tmp_path):
-    (run, _) = prepare().suite.runs
-    wanted = {**versions(), "source": "another"}
-    task = Task(run.name, run.settings, tmp_path / "x", False, tmp_path, wanted, Path.cwd())
-    failure = run_task(task)
+    task = first_task(prepare(), tmp_path)
+    failure = run_task(replace(task, versions={**versions(), "source": "another"}))
     assert failure.kind == "refused"
     assert "'source': 'another'" in failure.error
     assert not task.folder.exists()
+
+
+def test_a_run_whose_inputs_changed_since_the_batch_began_is_refused(tmp_path, small_net):
+    mine = tmp_path / "mine.py"
+    mine.write_text(OWN)
+    text = SUITE.format(net=small_net, methods=f'"{mine}:Mine"', horizon=30, seeds="[0, 1]")
+    (tmp_path / "own.toml").write_text(text)
+    suite = read_suite(str(tmp_path / "own.toml"))
+    batch = prepare_batch(suite, tmp_path / "b", skip=False, any_version=False)
+    task = first_task(batch, tmp_path)
+    mine.write_text(f"{OWN}\n# edited\n")
+    failure = run_task(task)
+    assert failure.kind == "refused"
+    assert f"code: {mine}:Mine changed since the batch began: was " in failure.error
+    assert not task.folder.exists()
+
+
+def test_runs_that_came_to_other_settings_are_not_taken(prepare, tmp_path):
+    first = prepare()
+    run_batch(first, Means())
+    for name in names(first):
+        path = first.out / RUNS / name / "run.json"
+        record = json.loads(path.read_text())
+        resolved = {**record["resolved"], "sampling_steps": [99, 99], "gone": 1}  # neither counts
+        path.write_text(json.dumps({**record, "versions": {}, "resolved": resolved}))
+    other = partial(prepare_batch, first.suite, skip=False, any_version=True)
+    assert other(first.out).finished == set(names(first))
+    reused = other(tmp_path / "c", reuse=[first.out])
+    assert set(reused.reusable) == set(names(first))
+    path.write_text(json.dumps({**record, "versions": {}, "resolved": {"min_space": 7}}))
+    with pytest.raises(UserError, match="other resolved settings; min_space was 7, is 0"):
+        other(first.out)
+    assert set(other(tmp_path / "c", reuse=[first.out]).reusable) == set(names(first)[:1])
+
+
+def test_batches_of_versions_that_knew_other_settings(prepare, tmp_path):
+    first = prepare()
+    run_batch(first, Means())
+    plan = json.loads((first.out / PLAN).read_text())
+    for run in plan["suite"]["runs"]:
+        run["settings"]["gone"] = 1
+        path = first.out / RUNS / run["name"] / "run.json"
+        record = json.loads(path.read_text())
+        path.write_text(json.dumps({**record, "versions": {}, "settings": run["settings"]}))
+    (first.out / PLAN).write_text(json.dumps(plan))
+    reuse = partial(prepare_batch, first.suite, tmp_path / "c", skip=False, reuse=[first.out])
+    assert set(reuse(any_version=True).reusable) == set(names(first))
+    assert reuse(any_version=False).reusable == {}
+    assert len(read_results([first.out]).finished) == 2
+
+    (first.out / RUNS / "stray").mkdir()
+    with pytest.raises(UserError, match=r"^--reuse: .* holds runs/stray without a run.json"):
+        reuse(any_version=True)
+    (first.out / RUNS / names(first)[0] / "run.json").unlink()
+    with pytest.raises(UserError, match=r"^results: .* without a run.json"):
+        read_results([first.out])

@@ -13,17 +13,18 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from tsc_missing.batch.keys import is_group
+from tsc_missing.batch.records import (
+    Difference,
+    Inputs,
+    differences,
+    known_settings,
+)
 from tsc_missing.batch.suite import RunSpec, Suite
-from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.run import checksums, inputs_of
 from tsc_missing.evaluation.run_folder import RUN
-from tsc_missing.evaluation.scenario import Scenario
 from tsc_missing.files import parse, read_json, replace_file
-from tsc_missing.versions import versions
 
 FIELD = "--out"
 PLAN = "batch.json"
@@ -81,10 +82,25 @@ def _of_a_start(path: Path) -> bool:
 
 
 def read_plan(out: Path, field: str = FIELD) -> Plan:
-    """The plan of a batch's folder."""
+    """The plan of a batch's folder, without settings that this version does not know."""
+    check_is_batch(out, field)
+    return parse(_PLAN, _as_known(read_json(out / PLAN, field)), field, out / PLAN)
+
+
+def check_is_batch(out: Path, field: str) -> None:
+    """Raise ``UserError`` unless ``out`` is a batch's folder."""
     if not (out / PLAN).is_file():
         raise UserError(field, out, f"it has no {PLAN}, so it is no folder of tsc-batch")
-    return parse(_PLAN, read_json(out / PLAN, field), field, out / PLAN)
+
+
+def _as_known(plan: Any) -> Any:
+    try:
+        runs = [
+            {**run, "settings": known_settings(run["settings"])} for run in plan["suite"]["runs"]
+        ]
+        return {**plan, "suite": {**plan["suite"], "runs": runs}}
+    except (KeyError, TypeError):  # no plan; said where it is parsed
+        return plan
 
 
 def write_plan(out: Path, plan: Plan) -> None:
@@ -119,50 +135,38 @@ def run_folder(out: Path, name: str) -> Path:
     return out / RUNS / name
 
 
-def read_run(out: Path, name: str) -> dict[str, Any] | None:
+def read_run(out: Path, name: str, field: str = FIELD) -> dict[str, Any] | None:
     """The ``run.json`` of a finished run, None where there is none."""
     path = run_folder(out, name) / RUN
     if not path.is_file():
         if path.parent.exists():
             verdict = f"holds {RUNS}/{name} without a {RUN}"
-            raise UserError(FIELD, out, "it is no whole run; remove it", verdict=verdict)
+            raise UserError(field, out, "it is no whole run; remove it", verdict=verdict)
         return None
-    found: dict[str, Any] = read_json(path, FIELD)
+    found: dict[str, Any] = read_json(path, field)
     return found
 
 
 def finished_runs(
-    out: Path, runs: Iterable[RunSpec], scenarios: dict[str, Scenario], any_version: bool
+    out: Path, runs: Iterable[RunSpec], inputs: Inputs, any_version: bool
 ) -> set[str]:
     """The names of the runs that are there.
 
-    ``UserError`` where a folder of such a name is of other settings or other inputs, or, unless
-    ``any_version``, was written by other versions.
+    ``UserError`` where a folder of such a name is of other settings, or these came to something
+    else, or of other inputs, or, unless ``any_version``, was written by other versions.
     """
-    known: dict[tuple[object, ...], dict[str, str]] = {}
     there = set()
     for spec in runs:
         record = read_run(out, spec.name)
         if record is None:
             continue
-        if not any_version:
-            _same("versions", record.get("versions"), versions(), out, spec.name)
-        settings = spec.settings
-        wanted = settings.model_dump(mode="json")
-        found = record.get("settings")
-        if any_version:
-            found = known_settings(found)
-        _same("settings", found, wanted, out, spec.name)
-        key = inputs_of(settings)
-        if key not in known:
-            known[key] = checksums(settings, scenarios[spec.name])
-        _same("checksums", record.get("checksums"), known[key], out, spec.name)
+        for what, difference in differences(record, spec, inputs, any_version):
+            _refuse(what, difference, out, spec.name)
         there.add(spec.name)
     return there
 
 
-def _same(what: str, found: Any, wanted: Any, out: Path, name: str) -> None:
-    difference = first_difference(found, wanted)
+def _refuse(what: str, difference: Difference | None, out: Path, name: str) -> None:
     if difference is None:
         return
     place, there, here = difference
@@ -175,44 +179,6 @@ def _same(what: str, found: Any, wanted: Any, out: Path, name: str) -> None:
         f"{place} was {there}, is {here}; {advice}",
         verdict=f"holds {RUNS}/{name} with other {what}",
     )
-
-
-def first_difference(found: Any, wanted: Any, at: str = "") -> tuple[str, Any, Any] | None:
-    """Where two JSON values differ first, and the two values there."""
-    if isinstance(found, dict) and isinstance(wanted, dict):
-        for key in [*wanted, *(key for key in found if key not in wanted)]:
-            place = f"{at}.{key}" if at else str(key)
-            deeper = first_difference(found.get(key), wanted.get(key), place)
-            if deeper is not None:
-                return deeper
-        return None
-    return None if found == wanted else (at, found, wanted)
-
-
-def known_settings(found: Any) -> Any:
-    """Settings that another version wrote, as this one would: what it did not know by default.
-
-    What this version does not know is left out. Returned as they are where a value is none that
-    this version allows.
-    """
-    try:
-        settings = RunSettings.model_validate(_known(found, RunSettings))
-    except ValidationError:
-        return found
-    return settings.model_dump(mode="json")
-
-
-def _known(found: Any, model: type[BaseModel]) -> Any:
-    """``found`` without what ``model`` has no field for, in its groups too."""
-    if not isinstance(found, dict):
-        return found
-    kinds = {name: field.annotation for name, field in model.model_fields.items()}
-    groups = {name: kind for name, kind in kinds.items() if is_group(kind)}
-    return {
-        name: _known(value, groups[name]) if name in groups else value
-        for name, value in found.items()
-        if name in kinds
-    }
 
 
 def clear_leftovers(out: Path, name: str | None = None) -> None:
@@ -230,10 +196,10 @@ def write_failure(out: Path, name: str, failure: Failure) -> None:
     replace_file(out / FAILURES / f"{name}.json", text.encode())
 
 
-def read_failure(out: Path, name: str) -> Failure | None:
+def read_failure(out: Path, name: str, field: str = FIELD) -> Failure | None:
     """Why a run has no folder, where it was tried."""
     path = out / FAILURES / f"{name}.json"
-    return parse(_FAILURE, read_json(path, FIELD), FIELD, path) if path.is_file() else None
+    return parse(_FAILURE, read_json(path, field), field, path) if path.is_file() else None
 
 
 def forget_failure(out: Path, name: str) -> None:

@@ -24,6 +24,7 @@ from tsc_missing.batch.folder import (
     write_failure,
     write_plan,
 )
+from tsc_missing.batch.records import Inputs
 from tsc_missing.batch.reuse import find_reusable, take
 from tsc_missing.batch.suite import RunSpec, Suite
 from tsc_missing.batch.table import write_table
@@ -45,6 +46,7 @@ class Batch:
     scenarios: dict[str, Scenario]  # by run
     finished: frozenset[str]  # names of the runs that are there
     out: Path
+    inputs: Inputs  # of its runs
     reusable: dict[str, Path] = field(default_factory=dict)  # runs of other batches, by name here
     any_version: bool = False  # whether runs of other versions count as finished
 
@@ -94,11 +96,12 @@ def prepare_batch(
     check_folder(out)
     runs, lacking = available(suite.runs, skip)
     scenarios = check_scenarios(runs)
-    finished = finished_runs(out, runs, scenarios, any_version)
+    inputs = Inputs(scenarios)
+    finished = finished_runs(out, runs, inputs, any_version)
     left = [run for run in runs if run.name not in finished]
-    reusable = find_reusable(reuse, left, scenarios, any_version)
+    reusable = find_reusable(reuse, left, inputs, any_version)
     suite = suite.model_copy(update={"runs": runs})
-    return Batch(suite, lacking, scenarios, frozenset(finished), out, reusable, any_version)
+    return Batch(suite, lacking, scenarios, frozenset(finished), out, inputs, reusable, any_version)
 
 
 def run_batch(batch: Batch, means: Means, watch: Watch | None = None) -> dict[str, Failure]:
@@ -130,7 +133,7 @@ def _as_it_is_now(batch: Batch) -> Batch:
     runs = batch.suite.runs
     if batch.finished == {run.name for run in runs if run_folder(batch.out, run.name).exists()}:
         return batch
-    there = finished_runs(batch.out, runs, batch.scenarios, batch.any_version)
+    there = finished_runs(batch.out, runs, batch.inputs, batch.any_version)
     reusable = {name: path for name, path in batch.reusable.items() if name not in there}
     return replace(batch, finished=frozenset(there), reusable=reusable)
 
@@ -163,7 +166,7 @@ def _run_missing(batch: Batch, means: Means, watch: Watch | None) -> None:
         return
     tally = _Tally(batch, watch)
     with alive_file(batch.out) as alive, _engine(means, batch.out, len(missing)) as engine:
-        tasks = [_task(batch.out, run, means.decisions, alive) for run in missing]
+        tasks = [_task(batch, run, means.decisions, alive) for run in missing]
         tally.start(engine)
         for outcome in run_tasks(engine, tasks, means.care):
             tally.count(outcome, there=_keep(batch.out, outcome))
@@ -175,9 +178,9 @@ def _engine(means: Means, out: Path, runs: int) -> contextlib.AbstractContextMan
     return local_engine(min(means.workers, runs))
 
 
-def _task(out: Path, run: RunSpec, decisions: bool, alive: Path) -> Task:
-    folder = run_folder(out, run.name).resolve()
-    return Task(run.name, run.settings, folder, decisions, alive, versions(), Path.cwd())
+def _task(batch: Batch, run: RunSpec, decisions: bool, alive: Path) -> Task:
+    folder, inputs = run_folder(batch.out, run.name).resolve(), batch.inputs.of(run)
+    return Task(run.name, run.settings, folder, decisions, alive, versions(), inputs, Path.cwd())
 
 
 def _keep(out: Path, outcome: Outcome) -> bool:

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsc_missing.batch.folder import (
+    FIELD,
     TABLE,
     Failure,
     read_failure,
@@ -30,14 +31,17 @@ KINDS = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string(
 Row = dict[str, Any]
 
 
-def read_rows(out: Path) -> list[Row]:
-    """A row for each run of the batch's plan, finished or not, in the plan's order."""
-    return [_row(out, spec) for spec in read_plan(out).suite.runs]
+def read_rows(out: Path, field: str = FIELD) -> list[Row]:
+    """A row for each run of the batch's plan, finished or not, in the plan's order.
+
+    ``field`` is what named the folder, for errors.
+    """
+    return [_row(out, spec, field) for spec in read_plan(out, field).suite.runs]
 
 
-def _row(out: Path, spec: RunSpec) -> Row:
-    record = read_run(out, spec.name)
-    failure = read_failure(out, spec.name) if record is None else None
+def _row(out: Path, spec: RunSpec, field: str) -> Row:
+    record = read_run(out, spec.name, field)
+    failure = read_failure(out, spec.name, field) if record is None else None
     status = FINISHED if record is not None else FAILED if failure is not None else WAITING
     return {
         "run": spec.name,

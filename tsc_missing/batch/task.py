@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tsc_missing.batch.folder import Failure
+from tsc_missing.batch.records import first_difference
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Progress
@@ -25,6 +26,7 @@ class Task:
     decisions: bool
     alive: Path  # a file that is there as long as the batch wants its runs
     versions: dict[str, str]  # that the batch wants
+    checksums: dict[str, str]  # of what it reads, as it was when the batch began
     home: Path  # where the batch was started: what is named by a relative path is there
 
 
@@ -48,7 +50,12 @@ def run_task(task: Task) -> Failure | None:
             raise UnwantedError("the batch that started it has ended")
 
     try:
-        execute(prepare(task.settings, options), watch)
+        prepared = prepare(task.settings, options)
+        changed = first_difference(task.checksums, prepared.checksums)
+        if changed is not None:
+            name, was, now = changed
+            return _failure("refused", f"{name} changed since the batch began: was {was}, is {now}")
+        execute(prepared, watch)
     except UserError as error:
         if is_whole(task.folder):
             return None

@@ -160,7 +160,7 @@ def read_results(folders: Sequence[Path]) -> Results:
     for folder in folders:
         plan = read_plan(folder, FIELD)
         plans.append(plan)
-        for spec, row in zip(plan.suite.runs, read_rows(folder), strict=True):
+        for spec, row in zip(plan.suite.runs, read_rows(folder, FIELD), strict=True):
             runs.append(Run(spec, row, run_folder(folder, spec.name)))
     results = Results(plans, runs)
     if not results.finished:
