@@ -15,6 +15,7 @@ from tsc_missing.batch.suite import read_suite
 from tsc_missing.batch.task import Task, run_task
 from tsc_missing.batch.worker import Outcome
 from tsc_missing.errors import UserError
+from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.report.results import read_results
 from tsc_missing.versions import versions
 
@@ -171,6 +172,28 @@ def test_runs_that_came_to_other_settings_are_not_taken(prepare, tmp_path):
     with pytest.raises(UserError, match="other resolved settings; min_space was 7, is 0"):
         other(first.out)
     assert set(other(tmp_path / "c", reuse=[first.out]).reusable) == set(names(first)[:1])
+
+
+def test_lists_of_outages_may_be_named_by_another_path(tmp_path, small_net, monkeypatch):
+    (tmp_path / "suite").mkdir()
+    node = find_scenario(str(small_net), "auto").folder.network.ids[0]
+    outages = tmp_path / "suite" / "dark.csv"
+    outages.write_text(f"intersection,begin,end\n{node},0,60\n")
+    text = SUITE.format(net=small_net, methods='"max-queue"', horizon=30, seeds="[0]")
+    text = text.replace('{ pattern = "random", rate = 0.5 }', '{ file = "dark.csv" }')
+    (tmp_path / "suite" / "small.toml").write_text(text)
+
+    def prepared(suite, out="b", reuse=()):
+        suite = read_suite(str(suite))
+        return prepare_batch(suite, tmp_path / out, skip=False, any_version=False, reuse=reuse)
+
+    run_batch(prepared(tmp_path / "suite" / "small.toml"), Means())
+    monkeypatch.chdir(tmp_path)
+    assert len(prepared("suite/small.toml").finished) == 1
+    assert len(prepared("suite/small.toml", "c", [tmp_path / "b"]).reusable) == 1
+    outages.write_text(f"intersection,begin,end\n{node},0,30\n")
+    with pytest.raises(UserError, match=r"other checksums; mask: dark.csv was"):
+        prepared("suite/small.toml")
 
 
 def test_batches_of_versions_that_knew_other_settings(prepare, tmp_path):

@@ -70,13 +70,20 @@ def cluster_engine(address: str, out: Path) -> Iterator[Engine]:
             executor = client.get_executor(pure=False)
             try:
                 yield Engine(executor, lambda: sum(client.nthreads().values()), lambda: 0)
-            except BaseException:
+            except BaseException as error:
+                lost = isinstance(error, OSError) and client.status != "running"
                 executor.shutdown(wait=False)  # cancels what waits; what runs sees it is unwanted
+                if lost:
+                    raise _lost(address, error) from error
                 raise
             executor.shutdown()
     except (CommClosedError, TimeoutError) as error:
-        words = f"its scheduler was lost ({type(error).__name__}); the same command goes on"
-        raise UserError(CLUSTER, address, words, verdict="does not answer any more") from error
+        raise _lost(address, error) from error
+
+
+def _lost(address: str, error: BaseException) -> UserError:
+    words = f"its scheduler was lost ({type(error).__name__}); the same command goes on"
+    return UserError(CLUSTER, address, words, verdict="does not answer any more")
 
 
 def _check_address(address: str) -> None:

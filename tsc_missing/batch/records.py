@@ -1,6 +1,7 @@
 """What finished runs say of themselves, held against what would be run now."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import PurePath
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -39,9 +40,18 @@ def differences(
     found, wanted = record.get("settings"), spec.settings.model_dump(mode="json")
     if not any_version:
         yield "versions", first_difference(record.get("versions"), versions())
-    yield "settings", first_difference(known_settings(found) if any_version else found, wanted)
+    found = known_settings(found) if any_version else found
+    yield "settings", first_difference(_by_name(found), _by_name(wanted))
     yield "resolved settings", _resolved_difference(record, spec.settings)
     yield "checksums", first_difference(record.get("checksums"), inputs.of(spec))
+
+
+def _by_name(settings: Any) -> Any:
+    """Settings whose mask is called by its file's name alone; the checksums say which it is."""
+    match settings:
+        case {"missing": {"file": str(file)} as missing}:
+            return {**settings, "missing": {**missing, "file": PurePath(file).name}}
+    return settings
 
 
 def first_difference(found: Any, wanted: Any, at: str = "") -> Difference | None:

@@ -197,6 +197,10 @@ class _Reader:
             key = next(key for key, times in Counter(key for key, _ in found).items() if times > 1)
             self._wrong(f"{where}.{dotted(key)}", "it is there twice")
         for key, value in self._changes:
+            for old, kept in axes.items():
+                if isinstance(kept, list) and len(old) < len(key) and overlap(old, key):
+                    words = f"{dotted(old)} is a list of tables in {where}: set all of it"
+                    raise UserError("--set", dotted(key), words)
             axes = {old: kept for old, kept in axes.items() if not overlap(old, key)}
             axes[key] = value
         for key, values in axes.items():
