@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
+from tools import paper_tables
 from tools.paper_tables import SUITES, arguments, batch_words
 from tsc_missing.batch.suite import bundled_suites, read_suite
 
@@ -58,6 +60,23 @@ def test_suites_in_which_nothing_can_run_are_left_out(tmp_path):
     done = make_tables(tmp_path, ["missing.rate=7"], "generalisation")
     assert done.returncode == 2
     assert "left out" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("batch", "report", "reports"),
+    [(0, 0, True), (0, 2, True), (1, 0, True), (2, 0, False), (130, 0, False)],
+)
+def test_a_suite_of_which_some_runs_failed_is_reported(monkeypatch, batch, report, reports):
+    ran = []
+
+    def run(name, words):
+        ran.append(name)
+        return {"batch": batch, "report": report}[name]
+
+    monkeypatch.setattr(paper_tables, "run_command", run)
+    monkeypatch.setattr(sys, "argv", ["paper_tables", "--only", "limits"])
+    assert paper_tables.main() == (batch or report)
+    assert ran == ["batch", *(["report"] if reports else [])]
 
 
 def test_a_shared_run_is_made_once(tmp_path, small_net):
