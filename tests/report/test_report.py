@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.report.cases import make_batch
+from tests.report.cases import make_batch, with_settings
 from tsc_missing.batch.table import write_table
+from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.report.document import make_report
 from tsc_missing.report.figures import _generalisation
@@ -187,6 +188,26 @@ def test_runs_unlike_the_papers_are_not_beside_it(results):
         return replace(run, spec=run.spec.model_copy(update={"settings": settings}))
 
     assert paper_table(Results(results.plans, map(shorter, results.runs))) == []
+
+
+def test_the_common_controller_is_as_it_is_by_default(results):
+    """Whatever comes first in the suite, ratios are to max-queue without room kept and the like."""
+
+    def ratio(**changes):
+        changed = with_settings(
+            results, lambda spec: changes.get(spec.method.replace("-", "_"), {})
+        )
+        lines = paper_table(Results(changed.plans, reversed(changed.runs)))
+        return float(lines[-2].split(" | ")[4]) if lines else None
+
+    plain = ratio()
+    common = {"controller": "max-queue"}
+    kept = common | {"signals": SignalSettings(min_space=9)}
+    assert ratio(max_pressure=kept) == plain
+    assert ratio(max_pressure=common) == plain
+    assert ratio(max_queue=kept, max_pressure=common) == pytest.approx(plain * 240 / 290, rel=0.01)
+    for other in (kept, {"count_error": 0.3}, {"turning_counts": "none"}):
+        assert ratio(max_queue=other) is None
 
 
 def test_trained_weights_are_in_the_order_of_what_they_were_trained_on(results):

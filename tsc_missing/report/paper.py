@@ -127,14 +127,23 @@ def paper_table(results: Results) -> list[str]:
 
 
 def _common(results: Results, dataset: str) -> float | None:
-    """Our ``att_approach`` of the common controller [s]."""
-    for method in results.methods:
+    """Our ``att_approach`` of the common controller [s], of the method that is called so if any."""
+    for method in sorted(results.methods, key=lambda name: name != COMMON):
         runs = results.of(dataset, NOTHING_MISSING, method)
-        if any(run.spec.settings.controller == COMMON for run in runs.values()):
+        if runs and all(_is_common(run.spec.settings) for run in runs.values()):
             values = results.values(dataset, NOTHING_MISSING, method, METRIC)
             mean = mean_of(list(values.values()))
             return mean.value if mean is not None else None
     return None
+
+
+def _is_common(settings: RunSettings) -> bool:
+    """Whether it is the common controller as it is by default, which was run on CityFlow."""
+    default = RunSettings()
+    return settings.controller == COMMON and all(
+        getattr(settings, name) == getattr(default, name)
+        for name in ("signals", "sensor", "turning_counts", "count_error", "vehicle")
+    )
 
 
 def paper_time_table(results: Results) -> list[str]:
