@@ -54,6 +54,7 @@ class RunSpec(Settings):
     paper: str | None = None  # what the paper calls the method
     train: str | None = None  # the command that makes the method's weights
     trained: str | None = None  # the case that the weights were trained on
+    defined: tuple[str, ...] | None = None  # settings that make the method; of old plans not known
     settings: RunSettings
 
 
@@ -218,6 +219,7 @@ class _Reader:
     def _run(self, where: str, values: dict[Key, Any], varied: list[Key]) -> RunSpec:
         method = str(values.pop(("method",)))
         about, settings = self._methods.get(method, ({}, {("controller",): method}))
+        about = {**about, "defined": tuple(map(dotted, settings))}
         settings = dict(settings)
         varying: list[Key] = []  # what varies, where a list of tables is an axis the keys in these
         for key, value in values.items():

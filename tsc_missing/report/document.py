@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from tsc_missing.batch.check import lacking_words
 from tsc_missing.batch.table import FAILED, WAITING
-from tsc_missing.report.conditions import unlike_cases, unlike_methods
+from tsc_missing.report.conditions import mixed_sources, unlike_cases, unlike_methods
 from tsc_missing.report.losses import NUMBER, loss_table
 from tsc_missing.report.markdown import escaped
 from tsc_missing.report.paper import COMMON, METRIC, paper_table, paper_time_table
@@ -85,6 +85,8 @@ def _about(results: Results) -> list[str]:
                 *(f"- {escaped(one)}" for one in differing),
                 "",
             ]
+    mixed = mixed_sources(results)
+    lines += [escaped(mixed), ""] if mixed else []
     gone = without_network(results)
     if gone:
         words = "No maps, as the network is not here as it was when it was run"
