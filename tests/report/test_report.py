@@ -41,9 +41,11 @@ from tsc_missing.report.tables import (
     pooled_table,
     ranking,
     result_table,
+    time_table,
     warnings,
 )
 
+WEIGHTS = ("rate 10", "rate 50")
 positive = st.floats(1.0, 1e4)
 
 
@@ -213,6 +215,34 @@ def test_the_common_controller_is_as_it_is_by_default(results):
 def test_trained_weights_are_in_the_order_of_what_they_were_trained_on(results):
     runs = [run for run in reversed(results.runs) if run.spec.trained]
     assert Results(results.plans, runs).methods == ("rate 10", "rate 50")
+
+
+def test_decision_times_are_of_cases_that_all_methods_share(results):
+    """The weights ran at two rates only; there the others took longer than elsewhere."""
+
+    def timed(run):
+        if run.row["decision_ms_median"] is None:
+            return run
+        seed, rate = run.spec.settings.seed, run.spec.settings.missing.rate
+        milliseconds = 2.0 + rate if run.spec.settings.missing.pattern == "random" else 1.0
+        return replace(run, row={**run.row, "decision_ms_median": milliseconds + 50 * (seed == 2)})
+
+    changed = Results(results.plans, map(timed, results.runs))
+    times = {name: row["jinan\\_1"] for name, row in cells(time_table(changed)).items()}
+    assert times == dict.fromkeys(["Diff\\_Light", "max-queue", "max-pressure", *WEIGHTS], "2.30")
+    assert "Runs shared the machine" in make_report(changed, "att_all").markdown
+    runs = [
+        run
+        for run in changed.runs
+        if run.spec.method not in WEIGHTS
+        and (run.spec.method != "max-pressure" or run.spec.case == "none")
+    ]
+    times = cells(time_table(Results(results.plans, runs)))
+    assert {name: row["jinan\\_1"] for name, row in times.items()} == {
+        "Diff\\_Light": "1.00",
+        "max-queue": "1.00",
+        "max-pressure": "1.00",
+    }
 
 
 def test_vehicles_that_stay_outside_are_told_of(results):

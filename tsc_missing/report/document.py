@@ -214,7 +214,9 @@ def _times(results: Results) -> list[str]:
         return []
     head = (
         "Wall time of a decision for the whole network in ms, imputation included: the median of "
-        "each run, and of these the mean over cases and seeds."
+        "each run, of these the median over seeds, and of these the mean over the cases in which "
+        "most methods ran; one without some of them is not shown. Runs shared the machine, so "
+        "small differences mean nothing."
     )
     return ["## Decision time", "", head, *lines]
 

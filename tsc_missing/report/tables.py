@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from statistics import fmean, median
 
 from tsc_missing.report.markdown import (
     NOTHING,
@@ -152,21 +153,31 @@ def pooled_table(results: Results, metric: str) -> list[str]:
 
 
 def time_table(results: Results) -> list[str]:
-    """The median decision [ms] of each method: a column a dataset, the mean over its runs."""
-    rows = []
-    for method in results.methods:
-        cells = [_decision(results, dataset, method) for dataset in results.datasets]
-        if any(cell != NOTHING for cell in cells):
-            rows.append([named(results, method), *cells])
+    """The median decision [ms] of each method: a column a dataset, in cases that all of it have.
+
+    Over seeds it is the median, over cases the mean. A method without some of the cases that most
+    have is not shown there.
+    """
+    columns = [_decisions(results, dataset) for dataset in results.datasets]
+    rows = [
+        [named(results, method), *(column.get(method, NOTHING) for column in columns)]
+        for method in results.methods
+        if any(method in column for column in columns)
+    ]
     return table(["method", *map(escaped, results.datasets)], rows)
 
 
-def _decision(results: Results, dataset: str, method: str) -> str:
-    values: list[float] = []
+def _decisions(results: Results, dataset: str) -> dict[str, str]:
+    """By method, of those that have all cases in which most methods have decision times."""
+    times: dict[str, dict[str, float]] = {}
     for case in results.cases(dataset):
-        values += results.values(dataset, case, method, "decision_ms_median").values()
-    mean = mean_of(values)
-    return NOTHING if mean is None else f"{mean.value:.2f}"
+        for method in results.methods:
+            values = results.values(dataset, case, method, "decision_ms_median").values()
+            if values:
+                times.setdefault(case, {})[method] = median(values)
+    most: dict[str, float] = max(times.values(), key=len, default={})
+    shared = [of_case for of_case in times.values() if of_case.keys() >= most.keys()]
+    return {method: f"{fmean(of_case[method] for of_case in shared):.2f}" for method in most}
 
 
 def warnings(results: Results) -> list[str]:
