@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.report.cases import STEPS, make_batch
+from tests.report.cases import STEPS, make_batch, write_decisions
 from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.report.document import make_report
 from tsc_missing.report.loss_map import loss_maps
 from tsc_missing.report.losses import loss_table
+from tsc_missing.report.queues import FEW, queue_figure
 from tsc_missing.report.results import Results, read_results
 from tsc_missing.sensing.masks import save_mask
 
@@ -81,3 +82,20 @@ def test_the_text_says_in_which_order_rows_are(tmp_path):
     said = re.search(r"## What each loss costs\n\n(.*)\n", text).group(1)
     assert "by the largest number in a row" in said
     assert "Maps have the rows' numbers (no.)." in said
+
+
+def test_queues_have_panels_of_the_costliest_alone(tmp_path, monkeypatch):
+    results = results_of(tmp_path, SHORT)
+    network = find_scenario("jinan_1", "auto").folder.network
+    for run in results.runs:
+        write_decisions(run.folder / "decisions.parquet", network.n, 0)
+
+    def shown():
+        figure, words = queue_figure(results, "att_all")
+        titles = [panel.get_title(loc="left") for panel in figure.axes]
+        return [title.partition(", ")[2] for title in titles if title], FEW in words
+
+    whole = "everything observed"
+    assert shown() == ([whole, *SHORT], False)
+    monkeypatch.setattr("tsc_missing.report.queues.MOST_LISTED", 2)
+    assert shown() == ([whole, "crossing_1", "crossing_2"], True)

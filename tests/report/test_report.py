@@ -16,7 +16,7 @@ from tsc_missing.batch.table import write_table
 from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.report.document import make_report
-from tsc_missing.report.figures import _generalisation
+from tsc_missing.report.figures import _generalisation, generalisation_figure
 from tsc_missing.report.leading import leading_methods
 from tsc_missing.report.markdown import escaped, mean_words, signed
 from tsc_missing.report.paper import paper_table
@@ -263,6 +263,43 @@ def test_generalisation_is_relative_to_the_tested_rate(results):
     np.testing.assert_allclose(
         matrix, [[1, (310 + 50 + 3) / (305 + 10 + 3)], [(305 + 2 + 3) / (310 + 10 + 3), 1]]
     )
+
+
+def of_bursts(run):
+    """The run with bursts of another length in place of random missing."""
+    missing = run.spec.settings.missing
+    if missing.pattern != "random":
+        return run
+    bursts = missing.model_copy(update={"pattern": "burst", "mean_outage": 4.0})
+    changes = {"settings": run.spec.settings.model_copy(update={"missing": bursts})}
+    for key in ("case", "trained"):
+        old = getattr(run.spec, key)
+        changes[key] = old and f"{old.replace('random', 'burst')}, outages of 4 steps"
+    return replace(run, spec=run.spec.model_copy(update=changes))
+
+
+def test_generalisation_is_labelled_by_rates(results):
+    def ticks(found):
+        figure, words = generalisation_figure(found, "att_all")
+        assert words == ""
+        panel = figure.axes[0]
+        axes = (panel.get_xticklabels(), panel.get_yticklabels())
+        return [[text.get_text() for text in axis] for axis in axes]
+
+    assert ticks(results) == [["10", "50"]] * 2
+    assert ticks(Results(results.plans, map(of_bursts, results.runs))) == [["10", "50"]] * 2
+
+
+def test_weights_that_were_trained_on_one_case_do_not_replace_each_other(results):
+    def renamed(run):
+        return replace(run, spec=run.spec.model_copy(update={"method": f"{run.spec.method}, more"}))
+
+    more = [renamed(run) for run in results.runs if run.spec.trained == "random 10 %"]
+    both = Results(results.plans, [*results.runs, *more])
+    figure, words = generalisation_figure(both, "att_all")
+    assert words.endswith("the first are shown, and not rate 10, more.")
+    alone, _ = generalisation_figure(results, "att_all")
+    np.testing.assert_array_equal(*(f.axes[0].images[0].get_array() for f in (figure, alone)))
 
 
 def test_maps_are_of_blind_intersections(results):

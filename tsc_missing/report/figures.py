@@ -170,35 +170,34 @@ def _rates(results: Results, dataset: str, group: Group) -> dict[float, str]:
     return dict(sorted(found.items()))
 
 
-def generalisation_figure(results: Results, metric: str) -> Figure | None:
+def generalisation_figure(results: Results, metric: str) -> tuple[Figure, str] | None:
     """The paper's matrix P_r = P_g / P_o: trained on the row's case, tested on the column's.
 
-    P_o is what weights trained on the column's own case reach. None without such weights.
+    P_o is what weights trained on the column's own case reach. None without such weights. With a
+    sentence about weights that are not shown.
     """
     wanted, matrices = [], []
+    others: dict[str, None] = {}
     for dataset in results.datasets:
-        trained = {
-            run.spec.trained: run.spec.method
-            for run in results.finished
-            if run.spec.trained is not None and run.spec.dataset == dataset
-        }
+        trained, more = _trained(results, dataset)
         for group in _groups(results, dataset):
-            cases = [
-                case
-                for case in _rates(results, dataset, group).values()
+            rates = {
+                rate: case
+                for rate, case in _rates(results, dataset, group).items()
                 if case in trained and results.of(dataset, case, trained[case])
-            ]
-            matrix = _generalisation(results, dataset, cases, trained, metric)
-            if len(cases) > 1 and np.isfinite(matrix).any():
-                wanted.append((dataset, group, cases))
+            }
+            matrix = _generalisation(results, dataset, [*rates.values()], trained, metric)
+            if len(rates) > 1 and np.isfinite(matrix).any():
+                wanted.append((dataset, group, [f"{100 * rate:.4g}" for rate in rates]))
                 matrices.append(matrix)
+                others |= dict.fromkeys(m for m, case in more.items() if case in rates.values())
     if not wanted:
         return None
     away = max(0.05, max(float(np.nanmax(np.abs(m - 1))) for m in matrices))
     norm = TwoSlopeNorm(1.0, 1 - away, 1 + away)
     figure, axes = panels(len(wanted), 0, columns=2, size=(3.6, 3.2))
     image = None
-    for panel, (dataset, group, cases), matrix in zip(axes, wanted, matrices, strict=True):
+    for panel, (dataset, group, ticks), matrix in zip(axes, wanted, matrices, strict=True):
         image = panel.imshow(matrix, cmap="PuOr_r", norm=norm)
         panel.grid(visible=False)
         for (row, column), value in np.ndenumerate(matrix):
@@ -214,16 +213,28 @@ def generalisation_figure(results: Results, metric: str) -> Figure | None:
                     size=8.5,
                     color="white" if dark else INK,
                 )
-        rates = [case.rpartition(" ")[0].rpartition(" ")[2] for case in cases]
-        panel.set_xticks(range(len(cases)), rates)
-        panel.set_yticks(range(len(cases)), rates)
+        panel.set_xticks(range(len(ticks)), ticks)
+        panel.set_yticks(range(len(ticks)), ticks)
         title = f"{dataset}, {_group_words(group)}"
         label(panel, title, "tested at, % missing", "trained at, % missing")
     assert image is not None
     bar = figure.colorbar(image, ax=axes, shrink=0.7)
     bar.set_label("travel time / that of weights\ntrained at the tested rate", size=8.5, color=INK)
     bar.ax.tick_params(labelsize=8)
-    return figure
+    words = "Of weights that were trained on one case the first are shown, and not"
+    return figure, f"{words} {', '.join(others)}." if others else ""
+
+
+def _trained(results: Results, dataset: str) -> tuple[dict[str, str], dict[str, str]]:
+    """By the case that weights were trained on the first method, and others with their cases."""
+    first: dict[str, str] = {}
+    others: dict[str, str] = {}
+    for spec in (run.spec for run in results.finished if run.spec.dataset == dataset):
+        if spec.trained is None:
+            continue
+        if first.setdefault(spec.trained, spec.method) != spec.method:
+            others[spec.method] = spec.trained
+    return first, others
 
 
 def _generalisation(

@@ -16,7 +16,7 @@ def loss_table(results: Results, dataset: str, metric: str) -> list[str]:
     Nothing where there are none, or nothing to hold them against. Rows are numbered where their
     names are too long for maps.
     """
-    cases = _costly(results, dataset, metric)
+    cases = costly_cases(results, dataset, metric)
     costs = {
         m: {case: ratio for case in cases if (ratio := cost_of(results, dataset, case, m, metric))}
         for m in results.methods
@@ -37,7 +37,7 @@ def loss_table(results: Results, dataset: str, metric: str) -> list[str]:
 
 def map_labels(results: Results, dataset: str, metric: str) -> dict[str, str]:
     """How maps call each case of the table's rows: by its name, or all by their numbers."""
-    cases = _costly(results, dataset, metric)
+    cases = costly_cases(results, dataset, metric)
     if _are_short(cases):
         return {case: case for case in cases}
     return {case: str(k) for k, case in enumerate(cases, 1)}
@@ -59,7 +59,7 @@ def listed_cases(results: Results, dataset: str) -> list[str]:
     return [case for case in results.cases(dataset) if case in listed]
 
 
-def _costly(results: Results, dataset: str, metric: str) -> list[str]:
+def costly_cases(results: Results, dataset: str, metric: str) -> list[str]:
     """The listed cases with any cost, by the largest that they have with any method."""
     most = {}
     for case in listed_cases(results, dataset):

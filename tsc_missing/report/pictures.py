@@ -27,14 +27,16 @@ def pictures_of(results: Results, metric: str) -> Iterator[Picture]:
     """Those that the results have something to show for."""
     subject = "Travel time" if metric.startswith("att_") else metric
     rates, rate_words = rate_figure(results, metric) or (None, "")
+    matrix, matrix_words = generalisation_figure(results, metric) or (None, "")
     queues, queue_words = queue_figure(results, metric) or (None, "")
     drawn: list[tuple[str, Figure | None, str]] = [
         ("missing-rate", rates, f"{subject} against the missing rate. {rate_words}"),
         (
             "generalisation",
-            generalisation_figure(results, metric),
+            matrix,
             f"Weights trained at one missing rate and tested at another: {metric} divided by "
-            "that of the weights trained at the tested rate. Above 1 is worse than these.",
+            "that of the weights trained at the tested rate. Above 1 is worse than these. "
+            f"{matrix_words}",
         ),
         (
             "imputation",

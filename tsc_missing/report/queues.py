@@ -11,6 +11,7 @@ from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.report.conditions import sensor_words
 from tsc_missing.report.leading import leading_methods, line_words
+from tsc_missing.report.losses import costly_cases, listed_cases
 from tsc_missing.report.results import Cell, Results, Run
 from tsc_missing.report.style import add_legend, label, line_sample, looks, panels, scale_top
 
@@ -18,6 +19,8 @@ Line = tuple[FloatArray, FloatArray]  # times [s] and queues [vehicles]
 
 MINUTE = 60.0  # [s]
 SMOOTH = 300.0  # [s]
+MOST_LISTED = 5  # outages of a list each that have panels
+FEW = f"Of outages that were listed {MOST_LISTED} are shown, the costliest where that is known."
 UNLIKE = (
     "Only vehicles within the sensors' reach are counted, so queues of panels with other sensors "
     "cannot be compared."
@@ -63,12 +66,14 @@ def smooth(time: FloatArray, queue: FloatArray) -> FloatArray:
 def queue_figure(results: Results, metric: str) -> tuple[Figure, str] | None:
     """The network's queue over time, smoothed: a panel a dataset and case, a line a method.
 
-    Of each pattern only the highest rate is shown. With sentences about what is drawn.
+    Of each pattern only the highest rate is shown, and of listed outages the costliest. With
+    sentences about what is drawn.
     """
-    highest = {dataset: results.highest_cases(dataset) for dataset in results.datasets}
+    cases = {dataset: _cases(results, dataset, metric) for dataset in results.datasets}
+    few = any(left for _, left in cases.values())
     lines = {}
     for cell, runs in results.by_cell.items():
-        if cell.case not in highest[cell.dataset]:
+        if cell.case not in cases[cell.dataset][0]:
             continue
         found = total_queue(list(runs.values()))
         if found is not None:
@@ -116,7 +121,17 @@ def queue_figure(results: Results, metric: str) -> tuple[Figure, str] | None:
     notes = line_words(results, metric, shown)
     notes += ["Grey lines may leave the scale."] if others else []
     notes += [UNLIKE] if differ else []
+    notes += [FEW] if few else []
     return figure, " ".join(notes)
+
+
+def _cases(results: Results, dataset: str, metric: str) -> tuple[list[str], bool]:
+    """The cases that are shown, and whether listed outages are left out."""
+    listed = listed_cases(results, dataset)
+    costly = costly_cases(results, dataset, metric) or listed
+    shown = {*costly[:MOST_LISTED]}
+    cases = results.highest_cases(dataset)
+    return [c for c in cases if c in shown or c not in listed], len(listed) > len(shown)
 
 
 def _sensors(results: Results, dataset: str, case: str) -> str:
