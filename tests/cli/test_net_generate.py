@@ -64,6 +64,16 @@ def test_an_arterial_and_where_its_demand_cannot_enter(command):
     assert not any("no phase serves" in text for text in texts)
 
 
+def test_area_sensors_on_lanes_whose_length_has_millimetres(command):
+    shape = ("--rows", 1, "--columns", 1, "--east-west", 310.117)
+    net, _ = generate(command, "odd", *shape, "--vehicles-per-hour", 600, "--horizon", 60)
+    record = json.loads((net / "network.json").read_text())
+    lengths = [lane["length"] for lane in record["lanes"].values()]
+    assert any(round(length, 2) > length for length in lengths)
+    done = command("run", "--net", net, "--horizon", 60, "--sensor", "area", "--json")
+    assert done.returncode == 0, done.stderr
+
+
 def test_check_in_words(command, small_net):
     done = command("net", "check", small_net, "--detector-length", 500)
     assert done.returncode == 0, done.stderr

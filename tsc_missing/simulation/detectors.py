@@ -56,10 +56,16 @@ def _exit_name(lane: str) -> str:
 
 def _area(name: str, lane: str, start: float, end: float) -> str:
     return (
-        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{start:.2f}" '
-        f'endPos="{end:.2f}" file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" '
+        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{_metres(start)}" '
+        f'endPos="{_metres(end)}" file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" '
         'timeThreshold="0"/>'
     )
+
+
+def _metres(value: float) -> str:
+    """To a centimetre and never above: SUMO refuses positions beyond the end of the lane."""
+    rounded = round(value, 2)
+    return f"{rounded if rounded <= value else rounded - 0.01:.2f}"
 
 
 def _boundary(network: Network) -> tuple[str, ...]:
