@@ -11,9 +11,13 @@ from tests.cityflow_files import grid_flows, grid_roadnet, road, tee_roadnet, wr
 from tests.shared import CITYFLOW, needs_shared
 from tsc_missing.errors import UserError
 from tsc_missing.network.cityflow import read_roadnet
+from tsc_missing.network.compile import compile_network, read_net
 from tsc_missing.network.folder import NET, read_folder
+from tsc_missing.network.grid import build_grid, read_grid
 from tsc_missing.network.importing import import_cityflow
 from tsc_missing.network.slots import APPROACHES, N_SLOTS, TURNS, assign_approaches, slot_index
+from tsc_missing.paths import bundled
+from tsc_missing.simulation.states import check_state, green_state
 
 N, E, S, W = range(4)
 LEFT, STRAIGHT, RIGHT = range(3)
@@ -343,6 +347,53 @@ def test_what_is_odd_is_noted(tmp_path):
     roadnet, _ = write(tmp_path, content, [])
     notes = import_cityflow(roadnet, None, tmp_path / "apart", "net", 600).notes
     assert any("one blocks the other: road_" in note for note in notes)
+
+
+def test_lanes_of_one_road_that_cross_give_way(tmp_path):
+    """Right turns that leave a lane inside the straight lane: they do not drive through it."""
+    content = grid_roadnet(1, 1)
+    lanes = {"turn_left": 0, "turn_right": 1, "go_straight": 2}
+    for link in (k for node in content["intersections"] for k in node["roadLinks"]):
+        start = lanes[link["type"]]
+        link["laneLinks"] = [{"startLaneIndex": start, "endLaneIndex": k} for k in range(3)]
+    roadnet, _ = write(tmp_path, content, [])
+    import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    (node,) = read_folder(tmp_path / "net", "net").network.intersections
+    for phase in range(2):
+        state = green_state(node, phase)
+        check_state(node, state)
+        for link in node.phases[phase].links:
+            turns = [k for k in node.free if node.links[k].slot // 3 == node.links[link].slot // 3]
+            assert node.links[link].slot % 3 == STRAIGHT
+            assert len(turns) == 3
+            assert set(turns) <= set(node.foes[link])
+            assert {state[k] for k in turns} == {"g"}
+            assert all(link in node.yields[k] for k in turns)
+
+
+def test_lanes_of_one_movement_that_lead_to_all_exit_lanes(tmp_path):
+    content = grid_roadnet(1, 1)
+    for item in content["roads"]:
+        item["lanes"] = item["lanes"][:1] * 4
+    lanes = {"turn_left": [0], "go_straight": [1, 2], "turn_right": [3]}
+    for link in (k for node in content["intersections"] for k in node["roadLinks"]):
+        link["laneLinks"] = [
+            {"startLaneIndex": start, "endLaneIndex": end}
+            for start in lanes[link["type"]]
+            for end in range(4)
+        ]
+    roadnet, _ = write(tmp_path, content, [])
+    import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    (node,) = read_folder(tmp_path / "net", "net").network.intersections
+    for phase in range(len(node.phases)):
+        check_state(node, green_state(node, phase))
+
+
+@pytest.mark.parametrize("city", ["jinan", "hangzhou", "newyork"])
+def test_the_bundled_records_are_what_their_nets_compile_to(city):
+    folder = read_folder(bundled("networks") / city, city)
+    plain = build_grid(read_grid(folder.path / "grid.toml"))
+    assert compile_network(read_net(folder.net_file), plain) == folder.network.record
 
 
 def test_left_turns_across_oncoming_traffic_may_share_its_phase(tmp_path):

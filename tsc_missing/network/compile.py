@@ -15,6 +15,7 @@ from tsc_missing.network.records import (
     PhaseRecord,
 )
 from tsc_missing.network.slots import RIGHT_OF_WAY, TURNS, assign_approaches, slot_index
+from tsc_missing.network.sumo_links import request_bit
 
 LinkKey = tuple[str, int, str, int]  # from road, from lane, to road, to lane
 
@@ -107,16 +108,24 @@ def _intersection(
         requests.append(junction.getLinkIndex(connection))
     everything = range(len(links))
 
-    foes = tuple(
+    def waits(i: int, j: int) -> bool:
+        return request_bit(junction._prohibits, requests[i], requests[j])
+
+    def conflict(i: int, j: int) -> bool:
+        if keys[i][0] != keys[j][0]:
+            return bool(junction.areFoes(requests[i], requests[j]))
+        return waits(i, j) or waits(j, i)  # traffic of one road sorts itself out but for these
+
+    foes = tuple(tuple(j for j in everything if i != j and conflict(i, j)) for i in everything)
+    ranks = [RIGHT_OF_WAY[turns[key]] for key in keys]
+    yields = tuple(
         tuple(
             j
-            for j in everything
-            if keys[i][0] != keys[j][0] and junction.areFoes(requests[i], requests[j])
+            for j in foes[i]
+            if (waits(i, j) if keys[i][0] == keys[j][0] else ranks[j] < ranks[i])
         )
         for i in everything
     )
-    ranks = [RIGHT_OF_WAY[turns[key]] for key in keys]
-    yields = tuple(tuple(j for j in foes[i] if ranks[j] < ranks[i]) for i in everything)
 
     def links_of(movements: tuple[int, ...]) -> tuple[int, ...]:
         wanted = {(node.movements[m].from_road, node.movements[m].to_road) for m in movements}

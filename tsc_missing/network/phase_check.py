@@ -12,8 +12,9 @@ ONCOMING = 120.0  # [degrees] at least between the directions that two roads com
 def conflicting_phases(record: NetworkRecord, plain: PlainNetwork) -> Iterator[str]:
     """Words for each phase that lets two movements go of which neither can give way.
 
-    Who turns to the near side gives way, and so does who turns across oncoming traffic. All other
-    movements that cross each other need greens of their own.
+    Who turns to the near side gives way, and so does who turns across oncoming traffic, and of one
+    road's lanes that cross the one that the junction's rules name. All other movements that cross
+    each other need greens of their own.
     """
     for node in record.intersections:
         for phase in node.phases:
@@ -37,6 +38,8 @@ def _conflict(
 def _gives_way(node: IntersectionRecord, link: int, foe: int, plain: PlainNetwork) -> bool:
     if foe not in node.yields[link]:
         return False
+    if _road(node, link) == _road(node, foe):
+        return True
     turn = _turn(node, link, plain)
     return turn not in (LEFT, STRAIGHT) or _is_oncoming(node, link, foe, plain)
 

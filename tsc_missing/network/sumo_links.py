@@ -103,7 +103,7 @@ def in_conflict(lights: Sequence[Any]) -> set[str]:
     for node, links in at.items():
         for (one, request), (other, counterpart) in itertools.combinations(links, 2):
             if one != other and any(
-                _bit(table, *pair)
+                request_bit(table, *pair)
                 for table in (node._prohibits, node._foes)
                 for pair in ((request, counterpart), (counterpart, request))
             ):
@@ -207,8 +207,8 @@ def _conflicts(
         for j, (other, counterpart) in enumerate(places):
             if node != other or i == j:
                 continue
-            waits = _bit(node._prohibits, request, counterpart)
-            if waits or _bit(node._foes, request, counterpart):
+            waits = request_bit(node._prohibits, request, counterpart)
+            if waits or request_bit(node._foes, request, counterpart):
                 foes[i].add(j)
                 foes[j].add(i)
             if waits:
@@ -253,7 +253,7 @@ def _cross(first: Link, second: Link) -> bool:
     return not aside and first.to_lane.rsplit("_", 1)[0] != second.to_lane.rsplit("_", 1)[0]
 
 
-def _bit(table: Mapping[int, str], row: int, column: int) -> bool:
-    """SUMO writes the bits of a request from the last link to the first."""
+def request_bit(table: Mapping[int, str], row: int, column: int) -> bool:
+    """A bit of a junction's requests, which SUMO writes from the last link to the first."""
     bits = table.get(row, "")
     return column < len(bits) and bits[len(bits) - 1 - column] == "1"
