@@ -33,3 +33,10 @@ def test_it_is_the_mean_over_the_vehicles(trips, tau, speed):
     found = driving_of(Demand.of(trips, TYPES), CAR)
     assert found.tau == pytest.approx(tau)
     assert found.max_speed == pytest.approx(speed)
+
+
+def test_vehicles_without_a_type_are_of_the_default_type():
+    redefined = '<vType id="DEFAULT_VEHTYPE" tau="3" maxSpeed="5"/>'
+    found = driving_of(Demand.of([trip(""), trip("plain")], (*TYPES, redefined)), CAR)
+    assert found.tau == pytest.approx((3 + SUMO_TAU) / 2)
+    assert found.max_speed == pytest.approx((5 + SUMO_SPEED) / 2)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from tsc_missing.config import VehicleType
-from tsc_missing.demand.trips import Demand
+from tsc_missing.demand.trips import DEFAULT_TYPE, Demand
 
 SUMO_TAU = 1.0  # [s] and
 SUMO_SPEED = 55.55  # [m/s], of a vehicle type that does not say
@@ -32,7 +32,9 @@ def driving_of(demand: Demand, vehicle: VehicleType) -> Driving:
     used = Counter(trip.written_type for trip in demand.trips)
     if not used:
         return Driving(vehicle.tau, vehicle.max_speed)
-    parts = [(count, *found.get(name, (SUMO_TAU, SUMO_SPEED))) for name, count in used.items()]
+    otherwise = (SUMO_TAU, SUMO_SPEED)
+    found.setdefault("", found.get(DEFAULT_TYPE, otherwise))
+    parts = [(count, *found.get(name, otherwise)) for name, count in used.items()]
     total = sum(used.values())
     return Driving(
         tau=sum(count * tau for count, tau, _ in parts) / total,

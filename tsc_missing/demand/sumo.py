@@ -3,7 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-from tsc_missing.demand.trips import VEHICLE_TYPE_ID, Attributes, Demand, Trip
+from tsc_missing.demand.trips import DEFAULT_TYPE, VEHICLE_TYPE_ID, Attributes, Demand, Trip
 from tsc_missing.errors import UserError
 
 FIELD = "routes"
@@ -39,7 +39,7 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
         raise UserError(FIELD, path, f"not a route file that can be read ({error})") from None
     if not trips:
         raise UserError(FIELD, path, f"no vehicle in it departs before {horizon:g} s")
-    used = {trip.written_type for trip in trips}
+    used = {trip.written_type or DEFAULT_TYPE for trip in trips}
     return Demand.of(trips, (text for name, text in types.items() if name in used))
 
 

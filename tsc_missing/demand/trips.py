@@ -14,6 +14,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.slots import N_SLOTS
 
 VEHICLE_TYPE_ID = "car"
+DEFAULT_TYPE = "DEFAULT_VEHTYPE"  # SUMO's name for the type of vehicles that name none
 NAMESAKE = f"{VEHICLE_TYPE_ID}.recorded"  # how a source's type of that name is written
 
 Attributes = tuple[tuple[str, str], ...]
