@@ -4,6 +4,7 @@ import pytest
 
 from tests.sumo_files import star, write_routes
 from tsc_missing.demand.duarouter import route_demand
+from tsc_missing.errors import UserError
 
 HORIZON = 120.0
 TRIP = '<trip id="t" depart="1" from="in_0" to="out_2"/>'
@@ -33,3 +34,64 @@ def test_a_default_type_of_its_own_is_kept(demand_of):
     (kind,) = demand_of('<vType id="DEFAULT_VEHTYPE" length="9"/>', TRIP).demand.types
     assert 'id="DEFAULT_VEHTYPE"' in kind
     assert 'length="9' in kind
+
+
+def test_flows_in_intervals_have_their_times(demand_of):
+    flow = '<flow id="f" number="10" from="in_0" to="out_2"/>'
+    rate = '<flow id="g" number="3" period="10" from="in_1" to="out_3"/>'
+    found = demand_of(f'<interval begin="20" end="70">{flow}{rate}</interval>', TRIP)
+    departs = [trip.depart for trip in found.demand.trips if trip.name.startswith("f")]
+    assert departs == list(range(20, 70, 5))
+    departs = [trip.depart for trip in found.demand.trips if trip.name.startswith("g")]
+    assert departs == [20, 30, 40]
+    assert found.notes == ()
+
+
+def test_included_files_are_read(demand_of, tmp_path):
+    (tmp_path / "sub").mkdir()
+    write_routes(tmp_path / "sub" / "more.rou.xml", TRIP.replace('"t"', '"u"'))
+    include = '<include href="sub/more.rou.xml"/>'
+    assert set(names(demand_of(include, TRIP))) == {"t", "u"}
+    with pytest.raises(UserError, match=r"none\.rou\.xml.*cannot be read"):
+        demand_of('<include href="none.rou.xml"/>', TRIP)
+    with pytest.raises(UserError, match="includes itself"):
+        demand_of('<include href="cars.rou.xml"/>', TRIP)
+
+
+def test_elements_that_are_not_read_are_noted(demand_of):
+    assert demand_of(TRIP, "<poi/>", "<poi/>").notes == ("left out: 2 poi elements",)
+
+
+@pytest.mark.parametrize("when", ["triggered", "containerTriggered", "split", "soon", "nan"])
+def test_vehicles_that_no_time_starts_are_left_out_and_counted(demand_of, when):
+    other = TRIP.replace('"t"', '"x"').replace('depart="1"', f'depart="{when}"')
+    found = demand_of(TRIP, other)
+    assert names(found) == ["t"]
+    assert found.notes == ("left out: 1 vehicle that no time starts, first x",)
+    with pytest.raises(UserError, match="no vehicle, trip or flow that a time starts"):
+        demand_of(other)
+
+
+def test_the_departure_begin_is_that_of_the_run(demand_of):
+    found = demand_of(TRIP.replace('depart="1"', 'depart="begin"'), begin=500.0)
+    assert [trip.depart for trip in found.demand.trips] == [0.0]
+
+
+def test_scaled_types_are_refused(demand_of):
+    trip = TRIP.replace('id="t"', 'id="t" type="k"')
+    assert names(demand_of('<vType id="k" scale="1.0"/>', trip)) == ["t"]
+    nested = '<vTypeDistribution id="k"><vType id="a" scale="2"/></vTypeDistribution>'
+    for kind in ('<vType id="k" scale="0.5"/>', nested):
+        with pytest.raises(UserError, match=r"vType \w has a scale of .*; only 1 can be read"):
+            demand_of(kind, trip)
+
+
+def test_trips_between_zones(demand_of):
+    trip = '<trip id="z" depart="2" fromTaz="1" toTaz="2"/>'
+    zones = '<taz id="1" edges="in_1"/>', '<tazs><taz id="2" edges="out_3"/></tazs>'
+    (found,) = demand_of(*zones, trip).demand.trips
+    assert found.route == ("in_1", "out_3")
+    assert found.attributes == ()
+    with pytest.raises(UserError, match="between TAZ; give the file with the taz 2"):
+        demand_of(zones[0], trip)
+

@@ -15,6 +15,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool, write_net
 from tsc_missing.network.slots import LEFT, N_SLOTS, RIGHT, TURNS, slot_name
 from tsc_missing.network.sumo import compile_sumo, open_net, yellow_for
+from tsc_missing.network.sumo_files import find_files, read_additional, write_programs
 from tsc_missing.sensing.outage_list import read_outages
 from tsc_missing.sensing.patterns import draw_mask
 from tsc_missing.simulation.detectors import covered_lanes
@@ -405,3 +406,48 @@ def test_nothing_switches_between_programs(tmp_path):
     source.write_text('<net><tlLogic id="c"/></net>')
     _copy_net(source, target)
     assert target.read_text() == source.read_text()
+
+
+def configured(tmp_path, options="", *elements):
+    """A configuration with these options and an additional file with these elements."""
+    star(tmp_path, CROSS, 1)
+    (tmp_path / "more.add.xml").write_text(f"<additional>{''.join(elements)}</additional>")
+    path = tmp_path / "all.sumocfg"
+    path.write_text(
+        '<configuration><net-file value="star.net.xml"/>'
+        f'<additional-files value="more.add.xml"/>{options}</configuration>'
+    )
+    return path
+
+
+def test_a_program_without_phases_only_shifts_that_of_the_net(tmp_path):
+    shift = '<tlLogic id="c" programID="0" offset="10"/>'
+    phases = '<tlLogic id="c" programID="own"><phase duration="9" state="GGGG"/></tlLogic>'
+    found = read_additional(find_files(configured(tmp_path, "", shift)).additional)
+    assert found.states == {}
+    source = open_net(tmp_path / "star.net.xml", found.states)
+    assert len(source.programs["c"]) > 1
+    write_programs(found, tmp_path / "signals.add.xml")
+    assert 'offset="10"' in (tmp_path / "signals.add.xml").read_text()
+    found = read_additional(find_files(configured(tmp_path, "", phases, shift)).additional)
+    assert found.states == {"c": ["GGGG"]}
+    assert len(found.programs) == 2
+
+
+def test_a_configuration_that_scales_its_demand_is_refused(tmp_path):
+    assert find_files(configured(tmp_path, '<scale value="1"/>'))
+    with pytest.raises(UserError, match="a scale of 3; only 1 can be read") as caught:
+        find_files(configured(tmp_path, '<scale value="3"/>'))
+    assert caught.value.field == "sumo-net"
+
+
+def test_a_signal_that_no_vehicle_passes_is_skipped(tmp_path):
+    path = star(tmp_path, CROSS, 1)
+    tree = ElementTree.parse(path)
+    logic = tree.find("tlLogic")
+    alone = ElementTree.Element("tlLogic", {**logic.attrib, "id": "alone"})
+    alone.extend(logic)
+    tree.getroot().insert(list(tree.getroot()).index(logic), alone)
+    tree.write(path)
+    _, network = read(path)
+    assert network.ids == ("c",)

@@ -30,26 +30,44 @@ class Found:
 
 
 def route_demand(
-    net: Path, files: Sequence[Path], begin: float, horizon: float, seed: int, field: str
+    net: Path,
+    files: Sequence[Path],
+    begin: float,
+    horizon: float,
+    seed: int,
+    field: str,
+    additional: Sequence[Path] = (),
 ) -> Found:
     """The vehicles of SUMO route files that depart within ``horizon`` [s] after ``begin`` [s].
 
     Given routes stay as they are; trips and flows take the fastest ways of the empty network.
-    Persons, containers and stops are left out. Raises ``UserError`` in the name of ``field`` for
+    Persons, containers and stops are left out. ``additional`` files come first; of these only the
+    demand is looked at. Raises ``UserError`` in the name of ``field`` for
     files that are none, or that are for another net.
     """
     given = Given(begin, begin + horizon)
+    for path in additional:
+        given.add(path, field, additional=True)
     for path in files:
         given.add(path, field)
+    files = [*additional, *files]
     if not given.traffic:
-        raise UserError(field, files[0], "there is no vehicle, trip or flow in it")
+        when = " that a time starts" if given.untimed else ""
+        raise UserError(field, files[0], f"there is no vehicle, trip or flow{when} in it")
+    if given.lacking_zone is not None:
+        words = f"its trips go between TAZ; give the file with the taz {given.lacking_zone} too"
+        raise UserError(field, files[-1], f"{words}, as a further --routes")
     strangers = given.leave_out_strangers(_roads(net))
     if not given.traffic:
         raise UserError(field, files[-1], f"it must be for this net, which has no {strangers[0]}")
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
         merged, routed = Path(scratch, "given.rou.xml"), Path(scratch, "routed.rou.xml")
         given.write(merged)
-        problems = _duarouter(net, merged, routed, begin, begin + horizon, seed)
+        more = []
+        if given.zones:
+            given.write_zones(Path(scratch, "zones.add.xml"))
+            more.append(f"--additional-files={Path(scratch, 'zones.add.xml')}")
+        problems = _duarouter(net, merged, routed, begin, begin + horizon, seed, more)
         unknown = [line for line in problems if NO_EDGE.search(line)]
         demand = _read(routed, begin, horizon)
         if demand is None or (unknown and len(unknown) >= len(demand.trips)):
@@ -74,7 +92,13 @@ def _roads(net: Path) -> Set[str]:
 
 
 def _duarouter(
-    net: Path, given: Path, target: Path, begin: float, end: float, seed: int
+    net: Path,
+    given: Path,
+    target: Path,
+    begin: float,
+    end: float,
+    seed: int,
+    options: Sequence[str],
 ) -> list[str]:
     """Route everything; returns the lines that duarouter complains in."""
     command = [
@@ -91,6 +115,7 @@ def _duarouter(
         "--xml-validation=never",
         "--xml-validation.net=never",
         "--xml-validation.routes=never",
+        *options,
     ]
     result = subprocess.run(command, capture_output=True, text=True)
     lines = [line.strip() for line in result.stderr.splitlines()]
@@ -145,6 +170,12 @@ def _notes(given: Given, kept: set[str], problems: Sequence[str]) -> list[str]:
     notes = [
         f"left out: {counted(counts[kind], f'{kind} element')}" for kind in NO_CARS if counts[kind]
     ]
+    notes += [
+        f"left out: {counted(count, f'{tag} element')}" for tag, count in given.others.items()
+    ]
+    if given.untimed:
+        vehicles = counted(len(given.untimed), "vehicle")
+        notes.append(f"left out: {vehicles} that no time starts, first {given.untimed[0]}")
     if counts["stop"]:
         notes.append(f"left out: {counted(counts['stop'], 'stop')} on the way (bus stops)")
     departures = given.departures()

@@ -10,10 +10,15 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from tsc_missing.errors import UserError
-from tsc_missing.network.sumo_files import parse_xml, seconds_of
+from tsc_missing.network.sumo_files import (
+    TRAFFIC,
+    ZONES,
+    check_scale,
+    read_elements,
+    seconds_of,
+)
 
 NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
-TRAFFIC = ("vehicle", "trip", "flow")
 ORDER = ("vType", "vTypeDistribution", "route", "routeDistribution", *TRAFFIC)
 
 
@@ -28,23 +33,44 @@ class Given:
     begin: float
     end: float
     elements: list[ElementTree.Element] = dataclasses.field(default_factory=list)
+    zones: list[ElementTree.Element] = dataclasses.field(default_factory=list)
     counts: Counter[str] = dataclasses.field(default_factory=Counter)
+    others: Counter[str] = dataclasses.field(default_factory=Counter)  # unknown elements, by tag
+    untimed: list[str] = dataclasses.field(default_factory=list)  # vehicles that no time starts
 
-    def add(self, path: Path, field: str) -> None:
-        """Take in a file, without what is no car's."""
-        root = parse_xml(path, field)
-        if root.tag not in ("routes", "additional", "trips"):
-            raise UserError(field, path, f"it must be a SUMO route file, not one of <{root.tag}>")
-        self.counts.update(child.tag for child in root)
-        for child in root:
+    def add(self, path: Path, field: str, additional: bool = False) -> None:
+        """Take in a file, without what is no car's.
+
+        Of an ``additional`` one somebody else says what is not taken in.
+        """
+        tag, children = read_elements(path, field)
+        if tag not in ("routes", "additional", "trips"):
+            raise UserError(field, path, f"it must be a SUMO route file, not one of <{tag}>")
+        self.counts.update(child.tag for child in children)
+        for child in children:
             if child.tag in ORDER:
-                for stop in child.findall("stop"):
-                    self.counts["stop"] += 1
-                    child.remove(stop)
-                child.attrib.pop("arrival", None)
-                if child.tag == "flow":
-                    child.attrib.setdefault("begin", f"{self.begin:.2f}")
-                self.elements.append(child)
+                self._add(child, path, field)
+            elif child.tag == ZONES:
+                self.zones.append(child)
+            elif child.tag not in NO_CARS and not additional:
+                self.others[child.tag] += 1
+
+    def _add(self, child: ElementTree.Element, path: Path, field: str) -> None:
+        for kind in child.iter("vType"):
+            check_scale(kind.get("scale", ""), f"vType {kind.get('id')}", path, field)
+        for stop in child.findall("stop"):
+            self.counts["stop"] += 1
+            child.remove(stop)
+        child.attrib.pop("arrival", None)
+        if child.tag == "flow":
+            child.attrib.setdefault("begin", f"{self.begin:.2f}")
+        elif child.tag in TRAFFIC:
+            if child.get("depart") == "begin":
+                child.set("depart", f"{self.begin:.2f}")
+            if not _is_time(child.get("depart", "")):
+                self.untimed.append(child.get("id", ""))
+                return
+        self.elements.append(child)
 
     @property
     def traffic(self) -> list[ElementTree.Element]:
@@ -71,6 +97,13 @@ class Given:
                 kept.append(element)
         self.elements = kept
         return found
+
+    @property
+    def lacking_zone(self) -> str | None:
+        """A traffic assignment zone that traffic names and that is not there."""
+        known = {zone.get("id") for zone in self.zones}
+        named = (e.get(name) for e in self.traffic for name in ("fromTaz", "toTaz"))
+        return next((zone for zone in named if zone is not None and zone not in known), None)
 
     def departures(self) -> dict[str, float]:
         """When single vehicles depart [s], by id, as far as a time says so."""
@@ -104,6 +137,12 @@ class Given:
         root.extend(sorted((e for e in readable if e is not None), key=_seconds))
         ElementTree.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
 
+    def write_zones(self, target: Path) -> None:
+        """Write the traffic assignment zones as an additional file."""
+        root = ElementTree.Element("additional")
+        root.extend(self.zones)
+        ElementTree.ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
+
 
 def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
     """A road that the element names, or its route does, and that is none of these."""
@@ -112,6 +151,13 @@ def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
     named += element.get("edges", "").split()
     named += own.get("edges", "").split() if own is not None else []
     return next((road for road in named if road and road not in roads), None)
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return math.isfinite(seconds_of(text))
+    except ValueError:
+        return False
 
 
 def _seconds(element: ElementTree.Element) -> float:

@@ -7,7 +7,8 @@ from tsc_missing.demand.trips import DEFAULT_TYPE, VEHICLE_TYPE_ID, Attributes, 
 from tsc_missing.errors import UserError
 
 FIELD = "routes"
-OURS = {"id", "depart", "route", "arrival"}  # attributes of a vehicle that are not kept as they are
+# Attributes of a vehicle that are not kept as they are; its zones are in its route:
+OURS = {"id", "depart", "route", "arrival", "fromTaz", "toTaz"}
 
 
 def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:

@@ -130,7 +130,7 @@ def _demand(
     begin: float,
     horizon: float,
 ) -> Found | None:
-    routes = [*additional.demand, *files.routes, *wanted.routes]
+    routes = [*files.routes, *wanted.routes]
     there = bool(files.routes or wanted.routes or additional.has_traffic)
     if wanted.demand is not None:
         if there:
@@ -144,7 +144,9 @@ def _demand(
         )
     if not there:
         return None
-    return route_demand(files.net, routes, begin, horizon, wanted.seed, "routes")
+    return route_demand(
+        files.net, routes, begin, horizon, wanted.seed, "routes", additional.demand
+    )
 
 
 def _copy_net(source: Path, target: Path) -> None:

@@ -77,6 +77,8 @@ def open_net(
         raise UserError(name, given or path, words)
     found: dict[str, list[str]] = {}
     for light in net.getTrafficLights():
+        if not light.getConnections():  # none of vehicles
+            continue
         own = [p for p in light.getPrograms().values() if p.getType() not in NO_SIGNALS]
         states = [phase.state for phase in own[-1].getPhases()] if own else []
         states = list((programs or {}).get(light.getID(), states))

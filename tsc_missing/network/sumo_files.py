@@ -13,7 +13,11 @@ from tsc_missing.network.sumo_links import NO_SIGNALS
 
 FIELD = "sumo-net"
 CONFIGURATION = ".sumocfg"
-DEMAND = ("vehicle", "trip", "flow", "route", "vType", "vTypeDistribution", "routeDistribution")
+TRAFFIC = ("vehicle", "trip", "flow")
+ZONES = "taz"
+DEMAND = (*TRAFFIC, "route", "vType", "vTypeDistribution", "routeDistribution", ZONES)
+RATES = ("period", "perHour", "vehsPerHour", "probability")
+WRAPPERS = ("tazs", "interval")  # around elements that could stand for themselves
 
 
 @dataclass(frozen=True)
@@ -34,19 +38,23 @@ class SumoFiles:
 
 @dataclass
 class Additional:
-    """What is kept of additional files: signal programs, and files that hold demand or types."""
+    """What is kept of additional files: signal programs, and files that hold demand or types.
 
-    programs: dict[str, ElementTree.Element] = field(default_factory=dict)
+    A program without phases only shifts one that is in the net.
+    """
+
+    programs: list[ElementTree.Element] = field(default_factory=list)
     demand: list[Path] = field(default_factory=list)
     has_traffic: bool = False
     left_out: Counter[str] = field(default_factory=Counter)
 
     @property
     def states(self) -> dict[str, list[str]]:
-        """The states of each signal's program."""
+        """The states of each signal's program that has phases; the last one counts."""
         return {
-            name: [phase.get("state", "") for phase in logic.iter("phase")]
-            for name, logic in self.programs.items()
+            logic.get("id", ""): [phase.get("state", "") for phase in logic.iter("phase")]
+            for logic in self.programs
+            if logic.find("phase") is not None
         }
 
 
@@ -72,9 +80,24 @@ def find_files(given: Path) -> SumoFiles:
     for path in files.all:
         if not path.is_file():
             raise UserError(FIELD, given, f"it names {path}, which is not there")
+    check_scale(values.get("scale", ""), "its demand", given, FIELD)
     return replace(
         files, begin=_seconds(values, "begin", given), end=_seconds(values, "end", given)
     )
+
+
+def check_scale(text: str, whose: str, path: Path, field: str) -> None:
+    """Raise ``UserError`` for a factor on the number of vehicles, which nothing here applies."""
+    if text.strip() and not _is_one(text):
+        words = f"{whose} has a scale of {text}; only 1 can be read, so give the vehicles themselves"
+        raise UserError(field, path, words)
+
+
+def _is_one(text: str) -> bool:
+    try:
+        return float(text) == 1.0
+    except ValueError:
+        return False
 
 
 def _seconds(values: dict[str, str], name: str, path: Path) -> float | None:
@@ -102,13 +125,13 @@ def read_additional(paths: tuple[Path, ...]) -> Additional:
     """The signal programs of additional files, and which of the files hold demand."""
     found = Additional()
     for path in paths:
-        root = parse_xml(path)
-        if any(child.tag in DEMAND for child in root):
+        children = read_elements(path)[1]
+        if any(child.tag in DEMAND for child in children):
             found.demand.append(path)
-        found.has_traffic |= any(child.tag in DEMAND[:3] for child in root)
-        for child in root:
+        found.has_traffic |= any(child.tag in TRAFFIC for child in children)
+        for child in children:
             if child.tag == "tlLogic" and child.get("type") not in NO_SIGNALS:
-                found.programs[child.get("id", "")] = child
+                found.programs.append(child)
             elif child.tag not in DEMAND:
                 found.left_out[child.tag] += 1
     return found
@@ -118,8 +141,44 @@ def write_programs(additional: Additional, target: Path) -> None:
     """Write the signal programs as one additional file, if there are any."""
     if additional.programs:
         root = ElementTree.Element("additional")
-        root.extend(additional.programs.values())
+        root.extend(additional.programs)
         ElementTree.ElementTree(root).write(target, encoding="utf-8")
+
+
+def read_elements(path: Path, field: str = FIELD) -> tuple[str, list[ElementTree.Element]]:
+    """The tag of a file's root, and its elements with those of the files that it includes.
+
+    Elements in an ``interval`` are given its times, as far as they say none.
+    """
+    return _elements(path, field, ())
+
+
+def _elements(
+    path: Path, field: str, including: tuple[Path, ...]
+) -> tuple[str, list[ElementTree.Element]]:
+    if path.resolve() in including:
+        raise UserError(field, path, "it includes itself")
+    root = parse_xml(path, field)
+    found = []
+    for child in root:
+        if child.tag == "include":
+            further = path.parent / child.get("href", "")
+            found += _elements(further, field, (*including, path.resolve()))[1]
+        elif child.tag in WRAPPERS:
+            found += [_with_times(part, child) for part in child]
+        else:
+            found.append(child)
+    return root.tag, found
+
+
+def _with_times(element: ElementTree.Element, interval: ElementTree.Element) -> ElementTree.Element:
+    """A flow with the begin and end of the interval that it is in."""
+    if element.tag == "flow":
+        closed = "number" in element.attrib and set(RATES) & set(element.attrib)
+        for name in ("begin",) if closed else ("begin", "end"):
+            if name in interval.attrib:
+                element.attrib.setdefault(name, interval.attrib[name])
+    return element
 
 
 def parse_xml(path: Path, field: str = FIELD) -> ElementTree.Element:
