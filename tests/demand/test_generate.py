@@ -17,14 +17,28 @@ from tsc_missing.demand.generate import (
 from tsc_missing.demand.profile import plain_turns
 from tsc_missing.network.grid import GridSpec, build_grid
 
+TURNS = plain_turns(build_grid(GridSpec(rows=2, columns=3, east_west=200, north_south=200)))
 COURSES = ("constant", "peak", "ramp", "gaussian")
 
 
 @given(course=st.sampled_from(COURSES), horizon=st.integers(1, 20000))
 def test_every_course_has_a_mean_of_one(course, horizon):
     shape = course_over_time(course, horizon)
-    assert shape.mean() == pytest.approx(1.0)
+    lengths = [min(BIN, horizon - start) for start in range(0, horizon, BIN)]
+    assert np.average(shape, weights=lengths) == pytest.approx(1.0)
     assert (shape >= 0).all()
+
+
+@given(
+    course=st.sampled_from(COURSES),
+    horizon=st.integers(60, 1500),
+    irregularity=st.sampled_from([0.0, 1.0]),
+)
+def test_as_many_are_drawn_as_were_asked_for(course, horizon, irregularity):
+    spec = DemandSpec(vehicles_per_hour=36_000, course=course, irregularity=irregularity)
+    wanted = 36_000 * horizon / 3600
+    trips = generate_on_grid(TURNS, {"road_0_1_0": 3.0, "road_2_0_1": 3.0}, spec, horizon, 1).trips
+    assert len(trips) == pytest.approx(wanted, abs=3 + 4 * wanted**0.5)
 
 
 def test_the_shapes_of_the_courses():
@@ -44,16 +58,14 @@ def test_arrivals_add_up_to_what_was_asked_for(weights):
 
 
 def test_through_traffic_goes_straight_on():
-    plain = build_grid(GridSpec(rows=2, columns=3, east_west=200, north_south=200))
-    turns = plain_turns(plain)
     entries = {"road_0_1_0": 3.0, "road_2_0_1": 3.0}
     spec = DemandSpec(vehicles_per_hour=600, through=1.0)
-    trips = generate_on_grid(turns, entries, spec, 1800, 1).trips
+    trips = generate_on_grid(TURNS, entries, spec, 1800, 1).trips
     assert len(trips) == pytest.approx(300, abs=15)
-    straight = [{turns[a][b] for a, b in zip(t.route, t.route[1:], strict=False)} for t in trips]
+    straight = [{TURNS[a][b] for a, b in zip(t.route, t.route[1:], strict=False)} for t in trips]
     assert sum(made == {1} for made in straight) > 0.95 * len(trips)
-    assert trips == generate_on_grid(turns, entries, spec, 1800, 1).trips
-    assert trips != generate_on_grid(turns, entries, spec, 1800, 2).trips
+    assert trips == generate_on_grid(TURNS, entries, spec, 1800, 1).trips
+    assert trips != generate_on_grid(TURNS, entries, spec, 1800, 2).trips
 
 
 def test_lanes_take_a_vehicle_every_headway():

@@ -50,12 +50,13 @@ class DemandSpec(Settings):
 
 
 def course_over_time(course: Course, horizon: float) -> FloatArray:
-    """The arrivals in each bin of 300 s, relative to their mean.
+    """The rate of arrivals in each bin of 300 s, relative to the mean over the horizon.
 
     ``peak`` is four times as high in the middle third as outside it, ``ramp`` rises from 0,
     ``gaussian`` is a bell around the middle.
     """
-    bounds = np.minimum(np.arange(math.ceil(horizon / BIN) + 1) * BIN, horizon) / horizon
+    times = np.minimum(np.arange(math.ceil(horizon / BIN) + 1) * BIN, horizon)
+    bounds = times / horizon
     middle = (bounds[:-1] + bounds[1:]) / 2
     shape: FloatArray = {
         "constant": np.ones_like(middle),
@@ -63,14 +64,17 @@ def course_over_time(course: Course, horizon: float) -> FloatArray:
         "ramp": 2 * middle,
         "gaussian": np.exp(-0.5 * ((middle - 0.5) / SPREAD) ** 2),
     }[course]
-    mean: FloatArray = shape / shape.mean()
-    return mean
+    relative: FloatArray = shape / np.average(shape, weights=np.diff(times) / BIN)
+    return relative
 
 
 def arrivals_by_road(
     spec: DemandSpec, weights: Mapping[str, float], horizon: float
 ) -> dict[str, tuple[float, ...]]:
-    """Vehicles that enter by each road in each bin, in proportion to the roads' weights."""
+    """Vehicles that enter by each road in each bin, in proportion to the roads' weights.
+
+    Of the last bin as if it were a whole one: what departs after the horizon is not drawn.
+    """
     total = sum(weights.values())
     in_bins = spec.vehicles_per_hour * BIN / 3600.0 * course_over_time(spec.course, horizon)
     return {
