@@ -212,6 +212,7 @@ def spoil(path, change):
         (lambda net: net["intersections"].append(net["intersections"][0]), "there twice"),
         (lambda net: net["roads"][0].update(id="in 0"), "roads.0.id: SUMO takes no ' '"),
         (lambda net: net["intersections"][0].update(id="a&b"), "SUMO takes no '&'"),
+        (lambda net: net["roads"][0].update(id="a,b"), "SUMO takes no ','"),
         (lambda net: net["roads"][0]["points"][0].update(x=float("nan")), "points.0.x"),
         (lambda net: net["roads"][0].update(points=[{"x": 1, "y": 2}] * 2), "has no length"),
     ],
@@ -252,6 +253,24 @@ def test_phases_whose_greens_conflict_are_refused(tmp_path, phase, words):
     with pytest.raises(UserError, match=rf"roadnet.json .* light phase 0: .*({words})"):
         import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
     assert not (tmp_path / "net").exists()
+
+
+def test_a_road_that_leads_nowhere_at_a_signal(tmp_path):
+    """No connection is made up for it."""
+    content = grid_roadnet(1, 1)
+    node = next(i for i in content["intersections"] if not i["virtual"])
+    kept = [k for k, link in enumerate(node["roadLinks"]) if link["startRoad"] != road(0, 1, 0)]
+    node["roadLinks"] = [node["roadLinks"][k] for k in kept]
+    for phase in node["trafficLight"]["lightphases"]:
+        links = phase["availableRoadLinks"]
+        phase["availableRoadLinks"] = [kept.index(k) for k in links if k in kept]
+    roadnet, _ = write(tmp_path, content, [])
+    import_cityflow(roadnet, None, tmp_path / "net", "net", 600)
+    folder = read_folder(tmp_path / "net", "net")
+    (found,) = folder.network.intersections
+    assert road(0, 1, 0) not in found.roads
+    assert len(found.links) == 27
+    assert not sumolib.net.readNet(str(folder.net_file)).getEdge(road(0, 1, 0)).getOutgoing()
 
 
 def test_an_all_red_phase_changes_nothing(tmp_path):

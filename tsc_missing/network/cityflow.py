@@ -21,7 +21,7 @@ FIELD = "roadnet"
 Positive = Annotated[float, Field(gt=0)]
 
 
-NOT_IN_IDS = "@$%^&/|\\{}*'\";:<>"  # of roads and junctions in SUMO, and no blanks
+NOT_IN_IDS = "@$%^&/|\\{}*'\";:<>,"  # of roads and junctions in SUMO, and no blanks
 
 
 def _usable(name: str) -> str:

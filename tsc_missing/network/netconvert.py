@@ -114,7 +114,10 @@ def _edge(road: Road) -> str:
 
 
 def _connections(plain: PlainNetwork) -> list[str]:
-    return [
+    """All links, and for roads without any that there are none, or netconvert would guess some."""
+    ends = {road.id for road in plain.roads.values() if plain.nodes[road.end].movements}
+    dead = sorted(ends - {m.from_road for node in plain.nodes.values() for m in node.movements})
+    return [f"  <connection from={quoteattr(road)}/>" for road in dead] + [
         f"  <connection from={quoteattr(move.from_road)} to={quoteattr(move.to_road)} "
         f'fromLane="{start}" toLane="{end}"/>'
         for node in plain.nodes.values()
