@@ -86,6 +86,14 @@ def test_what_spreadsheets_make_of_it(tmp_path, separator):
     assert mask[:, [0, 2, 3, 4, 5]].all()
 
 
+@pytest.mark.parametrize("blank", ["\n", "\r\n \r\n", ",,\n"])
+def test_blank_lines_before_the_names_of_the_columns(tmp_path, blank):
+    path = written(tmp_path, f"{blank}intersection\n{NETWORK.ids[1]}")
+    assert not read_outages(path, NETWORK, STEPS, INTERVAL)[:, 1].any()
+    with pytest.raises(UserError, match="line [23]: unknown column slots"):
+        read_outages(written(tmp_path, f"{blank}slots\nN"), NETWORK, STEPS, INTERVAL)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -83,7 +83,7 @@ def _lines(path: Path) -> Iterator[tuple[int, Outage]]:
         raise UserError(FIELD, path, f"the file cannot be read ({reason})") from None
     except UnicodeDecodeError:
         raise UserError(FIELD, path, "it is no text in UTF-8") from None
-    head = text.partition("\n")[0]
+    head = text.lstrip().partition("\n")[0]
     separator = ";" if ";" in head else ","  # as spreadsheets of some countries write
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, delimiter=separator)
     columns: tuple[str, ...] = ()
@@ -91,9 +91,11 @@ def _lines(path: Path) -> Iterator[tuple[int, Outage]]:
     try:
         for values in reader:
             row = [value.strip() for value in values]
+            if not any(row):
+                continue
             if not columns:
-                columns = _columns(path, row)
-            elif any(row):
+                columns = _columns(path, reader.line_num, row)
+            else:
                 count += 1
                 yield reader.line_num, _outage(path, reader.line_num, columns, row)
     except csv.Error as error:
@@ -102,16 +104,16 @@ def _lines(path: Path) -> Iterator[tuple[int, Outage]]:
         raise UserError(FIELD, path, f"it lists no outage; its columns are {', '.join(COLUMNS)}")
 
 
-def _columns(path: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """The names of the first line."""
+def _columns(path: Path, line: int, names: Sequence[str]) -> tuple[str, ...]:
+    """The names of the first line that is not empty."""
     for name in names:
         if name not in COLUMNS:
             found = name or "without a name"
-            _wrong(path, 1, f"unknown column {found}; {nearest(name, COLUMNS)}")
+            _wrong(path, line, f"unknown column {found}; {nearest(name, COLUMNS)}")
     if len(set(names)) < len(names):
-        _wrong(path, 1, "a column is there twice")
+        _wrong(path, line, "a column is there twice")
     if COLUMNS[0] not in names:
-        _wrong(path, 1, f"it must have a column {COLUMNS[0]}")
+        _wrong(path, line, f"it must have a column {COLUMNS[0]}")
     return tuple(names)
 
 
