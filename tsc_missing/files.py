@@ -77,7 +77,15 @@ def sha256(path: Path) -> str:
 
 
 def check_writable(folder: Path, field: str) -> None:
-    """Raise ``UserError`` unless there can be a folder, which is new or empty; makes none."""
+    """Raise ``UserError`` unless there can be a folder, which is new or empty; makes none.
+
+    What is to be renamed to it cannot take the place of a link, of a mount or of where one is.
+    """
+    if folder.is_symlink() or os.path.ismount(folder):
+        what = "a link" if folder.is_symlink() else "where a file system is mounted"
+        raise UserError(field, folder, f"it is {what}; name a new folder")
+    if folder.exists() and folder.samefile(os.curdir):
+        raise UserError(field, folder, "it is the current folder; name a new one")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise UserError(field, folder, "it must name a folder that does not exist yet, or is empty")
     parent = next(p for p in folder.absolute().parents if p.exists())

@@ -7,6 +7,8 @@ import pytest
 
 from tests.cityflow_files import flow, grid_flows, grid_roadnet, road, write
 from tests.cli.refusals import refused
+from tsc_missing.errors import UserError
+from tsc_missing.files import check_writable
 
 
 @pytest.mark.parametrize(
@@ -65,6 +67,20 @@ def test_output_folders_that_cannot_be_written(command, small_net):
     (command.cwd / "file").write_text("")
     for out in ("there", "file", "file/below"):
         refused(command, "run", "--net", small_net, "--out", out, words=[f"--out: {out}"])
+
+
+def test_output_folders_whose_place_nothing_can_take(command, small_net, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (command.cwd / "link").symlink_to(tmp_path / "empty")
+    (command.cwd / "dangling").symlink_to(tmp_path / "none")
+    for out, words in ((".", "current folder"), ("link", "a link"), ("dangling", "a link")):
+        refused(command, "run", "--net", small_net, "--out", out, words=[f"--out: {out}", words])
+
+
+def test_a_mount_is_no_output_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.path.ismount", lambda path: path == tmp_path)
+    with pytest.raises(UserError, match="a file system is mounted"):
+        check_writable(tmp_path, "out")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
