@@ -189,6 +189,12 @@ def test_a_timing_that_does_not_fit_the_network(command):
     assert command("batch", "small.toml", *given, "--list").returncode == 0
 
 
+def test_the_program_of_a_network_that_came_without_one(command, small_net):
+    write_suite(command, small_net, methods='"as-built"', seeds="[0]")
+    words = ["controller: as-built", "small (cityflow) came without signal programs"]
+    refused(command, "batch", "small.toml", words=words)
+
+
 def test_a_suite_in_which_nothing_can_run(command, small_net):
     write_suite(command, small_net, methods='"BC"')
     skipping = ("small.toml", "--skip-unavailable")

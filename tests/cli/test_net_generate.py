@@ -33,7 +33,9 @@ def test_a_grid_with_gaps_runs_and_is_the_same_again(command):
     words = manifest["recipe"].split()[2:]
     repeated, _ = generate(command, "c", *words)
     assert (repeated / "routes.rou.xml").read_bytes() == (net / "routes.rou.xml").read_bytes()
-    for controller in ("max-queue", "fixed-time", "as-built"):
+    words = ["--controller: as-built", "a (generated) came without signal programs"]
+    refused(command, "run", "--net", net, "--controller", "as-built", words=words)
+    for controller in ("max-queue", "fixed-time", "actuated"):
         arguments = ("--net", net, "--horizon", 600, "--controller", controller, "--json")
         done = command("run", *arguments, "--no-decisions")
         assert done.returncode == 0, done.stderr

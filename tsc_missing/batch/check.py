@@ -9,7 +9,7 @@ from tsc_missing.controllers.catalogue import NATIVE
 from tsc_missing.controllers.registry import controller_of
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.run import check_timing
+from tsc_missing.evaluation.run import check_as_built, check_timing
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.network.folder import network_name
 from tsc_missing.sensing.masks_of_runs import mask_of
@@ -121,6 +121,7 @@ def check_scenarios(runs: Iterable[RunSpec]) -> dict[str, Scenario]:
         if where not in scenarios:
             scenarios[where] = find_scenario(settings.net, settings.demand)
         found[run.name] = scenario = scenarios[where]
+        check_as_built(settings.controller, scenario)
         demand = (*where, settings.volume, settings.horizon)
         if demand not in seen:
             scenario.demand(settings)

@@ -22,6 +22,7 @@ from tsc_missing.own_code import own_digest
 from tsc_missing.sensing.masks_of_runs import mask_file, mask_of, sensors_of
 from tsc_missing.sensing.outage_list import is_list
 from tsc_missing.simulation.engine import EngineName
+from tsc_missing.simulation.native import AS_BUILT
 from tsc_missing.simulation.outputs import OutputFiles, TripTimes
 from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.versions import git_revision, versions
@@ -82,10 +83,22 @@ def check_timing(signals: SignalSettings, network: Network) -> None:
 
 def _controller(settings: RunSettings, scenario: Scenario) -> Controller | NativeProgram:
     if settings.controller in NATIVE:
+        check_as_built(settings.controller, scenario)
         return NativeProgram(settings.controller, scenario.folder.network)
     controller = controller_of(settings)
     signals = settings.signals
     return Safe(controller, float(signals.decision_interval), max_red=signals.max_red)
+
+
+def check_as_built(controller: str, scenario: Scenario) -> None:
+    """Raise ``UserError`` for the program of a network that came without one.
+
+    The one in its net is netconvert's guess and has other phases.
+    """
+    kind = scenario.folder.manifest.kind
+    if controller == AS_BUILT and kind not in ("sumo", "osm"):
+        words = f"{scenario.name} ({kind}) came without signal programs; fixed-time has a plan"
+        raise UserError("controller", controller, words)
 
 
 def execute(prepared: Prepared, watch: Watch | None = None) -> Result:
