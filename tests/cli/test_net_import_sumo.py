@@ -171,6 +171,22 @@ def test_a_town_of_openstreetmap_with_generated_demand(command, tmp_path):
     assert found["result"]["collisions"] == 0
 
 
+def test_a_town_where_traffic_drives_on_the_left(command, tmp_path):
+    extract = town(tmp_path / "town.osm")
+    options = ("--osm", extract, "--left-hand", "--vehicles-per-hour", 900, "--horizon", 150)
+    done = command("net", "import", *options, "--out", "town")
+    assert done.returncode == 0, done.stderr
+    assert "traffic drives on the left" in done.stdout
+    assert json.loads((command.cwd / "town" / "network.json").read_text())["left_hand"]
+    assert run(command, "town", "--controller", "max-queue")["result"]["inserted"] > 0
+
+
+def test_the_begin_is_a_time(crossing, command):
+    arguments = ("net", "import", "--sumo-net", crossing / "star.net.xml", "--out", "x", "--begin")
+    for begin in ("-1", "nan", "inf"):
+        refused(command, *arguments, begin, words=[f"--begin: {begin}", "0 or more"])
+
+
 def test_bad_nets(crossing, command, tmp_path):
     plain = star(tmp_path, (0, 90, 180, 270), 1, kind="priority")
     arguments = ("net", "import", "--out", "x", "--sumo-net")
@@ -181,6 +197,7 @@ def test_bad_nets(crossing, command, tmp_path):
     refused(command, *arguments, net, "--signals", "b", words=["signals", "b", "allowed: c"])
     refused(command, *arguments, net, "--osm", net, words=["--osm", "give one of"])
     refused(command, *arguments, net, "--flow", net, words=["--flow", "--sumo-net"])
+    refused(command, *arguments, net, "--left-hand", words=["--left-hand", "--sumo-net"])
     refused(command, "net", "import", "--out", "x", words=["give one of", "--osm"])
     (tmp_path / "one").mkdir()
     single = star(tmp_path / "one", (0, 180), 1)

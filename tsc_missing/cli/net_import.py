@@ -41,6 +41,9 @@ def import_network(
     begin: Annotated[
         float | None, typer.Option(help="Where SUMO's clock begins, s. Default: the .sumocfg's, 0.")
     ] = None,
+    left_hand: Annotated[
+        bool, typer.Option("--left-hand", help="An OSM extract of where traffic drives left.")
+    ] = False,
     vehicles_per_hour: Annotated[
         float | None, typer.Option(help="Generate so much demand, where there are no routes.")
     ] = None,
@@ -88,7 +91,9 @@ def import_network(
         "--begin": begin,
         "--vehicles-per-hour": vehicles_per_hour,
     }
-    foreign = only_sumo if roadnet is not None else {"--flow": flow}
+    foreign: dict[str, Any] = only_sumo if roadnet is not None else {"--flow": flow}
+    if osm is None:
+        foreign["--left-hand"] = "set" if left_hand else None
     _refuse(foreign, f"it cannot go with {chosen[0]}")
     if vehicles_per_hour is None:
         shape = {"--course": course, "--through": through}
@@ -120,6 +125,7 @@ def import_network(
             if vehicles_per_hour is not None
             else None,
             seed=seed,
+            left_hand=left_hand,
         )
         manifest = import_sumo(wanted, target, name, field)
     say_written(manifest, target)

@@ -1,5 +1,6 @@
 """From SUMO files or an OSM extract to a network folder."""
 
+import math
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -52,6 +53,7 @@ class SumoImport:
     all_phases: bool = False
     demand: DemandSpec | None = None  # to generate, where no routes are given
     seed: int = 0
+    left_hand: bool = False  # of an OSM extract, which does not say on which side traffic drives
 
     @property
     def field(self) -> str:
@@ -68,6 +70,8 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
 
     Nothing is left behind when something is wrong with the files.
     """
+    if wanted.begin is not None and not 0 <= wanted.begin < math.inf:
+        raise UserError("begin", wanted.begin, "it must be a number of seconds, 0 or more")
     with tempfile.TemporaryDirectory(prefix="tsc-") as scratch:
         files = _files(wanted, Path(scratch))
         additional = read_additional(files.additional)
@@ -107,7 +111,7 @@ def import_sumo(wanted: SumoImport, target: Path, name: str, field: str = "out")
 def _files(wanted: SumoImport, scratch: Path) -> SumoFiles:
     if wanted.kind == "osm":
         net = scratch / "osm.net.xml"
-        convert_osm(wanted.source, net)
+        convert_osm(wanted.source, net, wanted.left_hand)
         return SumoFiles(net)
     return find_files(wanted.source)
 
@@ -144,9 +148,7 @@ def _demand(
         )
     if not there:
         return None
-    return route_demand(
-        files.net, routes, begin, horizon, wanted.seed, "routes", additional.demand
-    )
+    return route_demand(files.net, routes, begin, horizon, wanted.seed, "routes", additional.demand)
 
 
 def _copy_net(source: Path, target: Path) -> None:

@@ -28,8 +28,10 @@ OPTIONS = (
 )
 
 
-def convert_osm(source: Path, target: Path) -> None:
+def convert_osm(source: Path, target: Path, left_hand: bool = False) -> None:
     """Write the roads for cars of an OSM extract (.osm, .osm.xml) as a SUMO net.
+
+    With ``left_hand`` traffic drives on the left, of which extracts say nothing.
 
     Signals that are mapped at stop lines are given to their junction, and junctions that are close
     together are joined. ``UserError`` for files that are none and for extracts without roads.
@@ -40,6 +42,7 @@ def convert_osm(source: Path, target: Path) -> None:
         f"--osm-files={source}",
         f"--output-file={target}",
         *OPTIONS,
+        *(["--lefthand"] if left_hand else []),
     ]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode != 0 or not target.exists():
