@@ -82,7 +82,7 @@ def test_scaled_types_are_refused(demand_of):
     assert names(demand_of('<vType id="k" scale="1.0"/>', trip)) == ["t"]
     nested = '<vTypeDistribution id="k"><vType id="a" scale="2"/></vTypeDistribution>'
     for kind in ('<vType id="k" scale="0.5"/>', nested):
-        with pytest.raises(UserError, match=r"vType \w has a scale of .*; only 1 can be read"):
+        with pytest.raises(UserError, match=r"vType \w has a scale of .*; only 1 is read"):
             demand_of(kind, trip)
 
 
@@ -94,4 +94,3 @@ def test_trips_between_zones(demand_of):
     assert found.attributes == ()
     with pytest.raises(UserError, match="between TAZ; give the file with the taz 2"):
         demand_of(zones[0], trip)
-

@@ -436,7 +436,7 @@ def test_a_program_without_phases_only_shifts_that_of_the_net(tmp_path):
 
 def test_a_configuration_that_scales_its_demand_is_refused(tmp_path):
     assert find_files(configured(tmp_path, '<scale value="1"/>'))
-    with pytest.raises(UserError, match="a scale of 3; only 1 can be read") as caught:
+    with pytest.raises(UserError, match="a scale of 3; only 1 is read") as caught:
         find_files(configured(tmp_path, '<scale value="3"/>'))
     assert caught.value.field == "sumo-net"
 

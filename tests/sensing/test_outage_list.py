@@ -90,7 +90,7 @@ def test_what_spreadsheets_make_of_it(tmp_path, separator):
 def test_blank_lines_before_the_names_of_the_columns(tmp_path, blank):
     path = written(tmp_path, f"{blank}intersection\n{NETWORK.ids[1]}")
     assert not read_outages(path, NETWORK, STEPS, INTERVAL)[:, 1].any()
-    with pytest.raises(UserError, match="line [23]: unknown column slots"):
+    with pytest.raises(UserError, match=r"line [23]: unknown column slots"):
         read_outages(written(tmp_path, f"{blank}slots\nN"), NETWORK, STEPS, INTERVAL)
 
 

@@ -120,9 +120,7 @@ def _intersection(
     ranks = [RIGHT_OF_WAY[turns[key]] for key in keys]
     yields = tuple(
         tuple(
-            j
-            for j in foes[i]
-            if (waits(i, j) if keys[i][0] == keys[j][0] else ranks[j] < ranks[i])
+            j for j in foes[i] if (waits(i, j) if keys[i][0] == keys[j][0] else ranks[j] < ranks[i])
         )
         for i in everything
     )

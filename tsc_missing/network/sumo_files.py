@@ -89,7 +89,7 @@ def find_files(given: Path) -> SumoFiles:
 def check_scale(text: str, whose: str, path: Path, field: str) -> None:
     """Raise ``UserError`` for a factor on the number of vehicles, which nothing here applies."""
     if text.strip() and not _is_one(text):
-        words = f"{whose} has a scale of {text}; only 1 can be read, so give the vehicles themselves"
+        words = f"{whose} has a scale of {text}; only 1 is read: give the vehicles themselves"
         raise UserError(field, path, words)
 
 
