@@ -1,9 +1,12 @@
 """Sensors over several lanes count a vehicle once."""
 
 import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.sumo_files import star
 from tsc_missing.config import SensorSettings
@@ -11,7 +14,7 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.netconvert import sumo_tool
 from tsc_missing.network.sumo import compile_sumo, open_net
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
-from tsc_missing.simulation.detectors import Detectors, covered_lanes, write_area_detectors
+from tsc_missing.simulation.detectors import Detectors, _area, covered_lanes, write_area_detectors
 from tsc_missing.simulation.engine import Inputs, Simulation
 
 SENSOR = SensorSettings(kind="area", length=150.0)
@@ -39,6 +42,15 @@ def cut(tmp_path):
     areas = tmp_path / "areas.add.xml"
     write_area_detectors(network, SENSOR.length, areas)
     return network, Inputs(source.given, routes, (areas,))
+
+
+@given(end=st.floats(0.1, 500), covered=st.floats(0.01, 500))
+def test_positions_are_within_the_lane(end, covered):
+    element = ElementTree.fromstring(_area("a", "l", max(end - covered, 0.0), end))
+    first, last = float(element.get("pos")), float(element.get("endPos"))
+    assert 0 <= first < last <= end
+    assert last == pytest.approx(end, abs=0.01)
+    assert first == pytest.approx(max(end - covered, 0.0), abs=0.02)
 
 
 @pytest.mark.parametrize("engine", ["libsumo", "traci"])

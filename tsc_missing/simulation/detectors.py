@@ -12,6 +12,7 @@ from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import N_FEATURES, QUEUE, VEHICLES, Measurement
 
 HALTING_SPEED = 0.1  # [m/s]; slower vehicles are queueing
+CENTIMETRE = 0.01  # [m]
 VEHICLE_NUMBER = 0x10  # TraCI's variable: vehicles on the lane or detector
 HALTING_NUMBER = 0x14  # TraCI's variable: those of them slower than 0.1 m/s
 
@@ -55,17 +56,14 @@ def _exit_name(lane: str) -> str:
 
 
 def _area(name: str, lane: str, start: float, end: float) -> str:
+    """An element with positions to a centimetre, whose end is never beyond that of the lane."""
+    last = round(end, 2)
+    last = last if last <= end else last - CENTIMETRE
     return (
-        f'<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} pos="{_metres(start)}" '
-        f'endPos="{_metres(end)}" file="NUL" period="1000000" speedThreshold="{HALTING_SPEED}" '
-        'timeThreshold="0"/>'
+        f"<laneAreaDetector id={quoteattr(name)} lane={quoteattr(lane)} "
+        f'pos="{min(start, last - CENTIMETRE):.2f}" endPos="{last:.2f}" file="NUL" '
+        f'period="1000000" speedThreshold="{HALTING_SPEED}" timeThreshold="0"/>'
     )
-
-
-def _metres(value: float) -> str:
-    """To a centimetre and never above: SUMO refuses positions beyond the end of the lane."""
-    rounded = round(value, 2)
-    return f"{rounded if rounded <= value else rounded - 0.01:.2f}"
 
 
 def _boundary(network: Network) -> tuple[str, ...]:
