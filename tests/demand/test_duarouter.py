@@ -4,6 +4,7 @@ import pytest
 
 from tests.sumo_files import star, write_routes
 from tsc_missing.demand.duarouter import route_demand
+from tsc_missing.demand.sumo import read_routes
 from tsc_missing.errors import UserError
 
 HORIZON = 120.0
@@ -84,6 +85,26 @@ def test_scaled_types_are_refused(demand_of):
     for kind in ('<vType id="k" scale="0.5"/>', nested):
         with pytest.raises(UserError, match=r"vType \w has a scale of .*; only 1 is read"):
             demand_of(kind, trip)
+
+
+def test_a_scaled_type_of_a_folder_is_refused_before_the_run(tmp_path):
+    vehicle = '<vehicle id="t" type="k" depart="1"><route edges="in_0 out_2"/></vehicle>'
+    path = write_routes(tmp_path / "cars.rou.xml", '<vType id="k" scale="2"/>', vehicle)
+    with pytest.raises(UserError, match="vType k has a scale of 2"):
+        read_routes(path, HORIZON)
+
+
+def test_a_type_that_is_not_there_is_named(demand_of):
+    """The run would fail, also if other vehicles have a type."""
+    bus = TRIP.replace('id="t"', 'id="u" type="bus"')
+    with pytest.raises(UserError, match="it has vehicles of type bus, which no vType"):
+        demand_of(TRIP, bus)
+    assert len(names(demand_of(TRIP, bus.replace("bus", "DEFAULT_TAXITYPE")))) == 2
+    nested = '<vTypeDistribution id="d"><vType id="bus"/></vTypeDistribution>'
+    assert (
+        len(names(demand_of(nested, TRIP, bus, bus.replace('"bus"', '"d"').replace('"u"', '"w"'))))
+        == 3
+    )
 
 
 def test_trips_between_zones(demand_of):

@@ -57,6 +57,9 @@ def route_demand(
     if given.lacking_zone is not None:
         words = f"its trips go between TAZ; give the file with the taz {given.lacking_zone} too"
         raise UserError(field, files[-1], f"{words}, as a further --routes")
+    if given.lacking_type is not None:
+        words = f"it has vehicles of type {given.lacking_type}, which no vType in the files defines"
+        raise UserError(field, files[-1], words)
     strangers = given.leave_out_strangers(_roads(net))
     if not given.traffic:
         raise UserError(field, files[-1], f"it must be for this net, which has no {strangers[0]}")

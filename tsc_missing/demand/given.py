@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import math
+import re
 from collections import Counter
 from collections.abc import Set
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ from tsc_missing.network.sumo_files import (
 )
 
 NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
-ORDER = ("vType", "vTypeDistribution", "route", "routeDistribution", *TRAFFIC)
+TYPES = ("vType", "vTypeDistribution")
+OWN_TYPE = re.compile(r"DEFAULT_[A-Z]+TYPE")  # of SUMO
+ORDER = (*TYPES, "route", "routeDistribution", *TRAFFIC)
 
 
 @dataclass
@@ -104,6 +107,14 @@ class Given:
         known = {zone.get("id") for zone in self.zones}
         named = (e.get(name) for e in self.traffic for name in ("fromTaz", "toTaz"))
         return next((zone for zone in named if zone is not None and zone not in known), None)
+
+    @property
+    def lacking_type(self) -> str | None:
+        """A vehicle type that traffic names and that is not there, nor one of SUMO's own."""
+        definitions = (e for e in self.elements if e.tag in TYPES)
+        known = {kind.get("id") for e in definitions for kind in e.iter() if kind.tag in TYPES}
+        named = (e.get("type") for e in self.traffic)
+        return next((k for k in named if k and k not in known and not OWN_TYPE.fullmatch(k)), None)
 
     def departures(self) -> dict[str, float]:
         """When single vehicles depart [s], by id, as far as a time says so."""

@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 
 from tsc_missing.demand.trips import DEFAULT_TYPE, VEHICLE_TYPE_ID, Attributes, Demand, Trip
 from tsc_missing.errors import UserError
+from tsc_missing.network.sumo_files import check_scale
 
 FIELD = "routes"
 # Attributes of a vehicle that are not kept as they are; its zones are in its route:
@@ -26,7 +27,9 @@ def read_routes(path: Path, horizon: float, begin: float = 0.0) -> Demand:
             if element.tag == "route":
                 routes[element.get("id", "")] = tuple(element.get("edges", "").split())
             elif element.tag == "vType":
-                types[element.get("id", "")] = _as_text(element)
+                kind = element.get("id", "")
+                check_scale(element.get("scale", ""), f"vType {kind}", path, FIELD)
+                types[kind] = _as_text(element)
             elif element.tag == "vehicle":
                 depart = round(float(element.get("depart", "nan")) - begin, 3)
                 if 0 <= depart < horizon:
