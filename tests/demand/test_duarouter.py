@@ -115,3 +115,15 @@ def test_trips_between_zones(demand_of):
     assert found.attributes == ()
     with pytest.raises(UserError, match="between TAZ; give the file with the taz 2"):
         demand_of(zones[0], trip)
+
+
+def test_roads_beside_zones_need_no_zones(demand_of):
+    """As od2trips writes them, and duarouter."""
+    both = TRIP.replace("from=", 'fromTaz="1" toTaz="2" from=')
+    route = '<route edges="in_1 out_3" probability="1"/>'
+    routed = f'<vehicle id="r" depart="2" fromTaz="1" toTaz="2">{route}</vehicle>'
+    several = routed.replace(route, f"<routeDistribution>{route}</routeDistribution>")
+    found = demand_of(both, routed, several.replace('"r"', '"s"'))
+    routes = [trip.route for trip in found.demand.trips]
+    assert routes == [("in_0", "out_2"), ("in_1", "out_3"), ("in_1", "out_3")]
+    assert found.notes == ()

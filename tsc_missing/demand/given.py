@@ -22,7 +22,8 @@ from tsc_missing.network.sumo_files import (
 NO_CARS = ("person", "personFlow", "container", "containerFlow")  # are left out
 TYPES = ("vType", "vTypeDistribution")
 OWN_TYPE = re.compile(r"DEFAULT_[A-Z]+TYPE")  # of SUMO
-ORDER = (*TYPES, "route", "routeDistribution", *TRAFFIC)
+ROUTES = ("route", "routeDistribution")
+ORDER = (*TYPES, *ROUTES, *TRAFFIC)
 
 
 @dataclass
@@ -103,9 +104,14 @@ class Given:
 
     @property
     def lacking_zone(self) -> str | None:
-        """A traffic assignment zone that traffic names and that is not there."""
+        """A zone (TAZ) that traffic needs, as it says no road, and that is not there."""
         known = {zone.get("id") for zone in self.zones}
-        named = (e.get(name) for e in self.traffic for name in ("fromTaz", "toTaz"))
+        named = (
+            element.get(f"{end}Taz")
+            for element in self.traffic
+            for end in ("from", "to")
+            if end not in element.attrib and not _has_route(element)
+        )
         return next((zone for zone in named if zone is not None and zone not in known), None)
 
     @property
@@ -162,6 +168,10 @@ def _stranger(element: ElementTree.Element, roads: Set[str]) -> str | None:
     named += element.get("edges", "").split()
     named += own.get("edges", "").split() if own is not None else []
     return next((road for road in named if road and road not in roads), None)
+
+
+def _has_route(element: ElementTree.Element) -> bool:
+    return "route" in element.attrib or any(e.tag in ROUTES for e in element)
 
 
 def _is_time(text: str) -> bool:
