@@ -17,6 +17,7 @@ from tsc_missing.errors import UserError, nearest
 
 # The name that ``replace_file`` gives what is not whole yet, of the files that come first.
 TEMPORARY = re.compile(r"\.(checkpoint\.safetensors|plan\.json|settings\.json)\.\d+")
+KEPT = "; what was saved before is whole, and --resume goes on from it"
 
 T = TypeVar("T")
 
@@ -93,6 +94,18 @@ def check_writable(folder: Path, field: str) -> None:
         raise UserError(field, folder, f"{parent} is a file, not a folder")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise UserError(field, folder, f"no permission to write in {parent}")
+
+
+@contextlib.contextmanager
+def written_into(folder: Path, field: str, kept: str = "") -> Iterator[None]:
+    """``UserError`` about ``folder`` where the block cannot write; ``kept`` says what is left."""
+    try:
+        yield
+    except ConnectionError:
+        raise
+    except OSError as error:
+        words = f"cannot be written ({error.strerror or error}){kept}"
+        raise UserError(field, folder, words) from error
 
 
 def sync(path: Path) -> None:

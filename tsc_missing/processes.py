@@ -25,7 +25,7 @@ def worker_processes(workers: int) -> Iterator[ProcessPoolExecutor]:
         yield pool
     except BaseException:
         for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
+            child.kill()
             child.join()
         pool.shutdown(cancel_futures=True)  # waits for its thread, which else fails at the exit
         raise
@@ -33,8 +33,9 @@ def worker_processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def leave_to_parent() -> None:
-    """Ctrl-C is for the parent, which ends its processes; they do not outlive it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ctrl-C and SIGTERM are for the parent, which ends its processes; they do not outlive it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
 

@@ -1,9 +1,11 @@
 """``tsc-collect`` and ``tsc-train`` as they are used."""
 
 import json
+import os
 import shutil
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -250,7 +252,13 @@ def test_a_training_interrupted_twice_tells_of_what_it_saved(command, small_net)
     assert list(folder.glob("*.safetensors"))
 
 
-def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
+def children(pid):
+    listed = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(k) for k in listed.read_text().split()] if listed.exists() else []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_look_ahead_interrupted_and_gone_on_with(command, small_net, number):
     plan = command.cwd / "look.toml"
     plan.write_text(LOOKAHEAD.format(net=small_net, episodes=200))
     process = command.start("train", "look.toml", "--workers", 1)
@@ -258,7 +266,8 @@ def test_look_ahead_interrupted_and_gone_on_with(command, small_net):
     episodes = command.cwd / "runs" / "train-look" / "episodes"
     while not list(episodes.glob("0*")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    for pid in (*children(process.pid), process.pid):  # as to a group of processes
+        os.kill(pid, number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.startswith("interrupted; saved at episode "), errors

@@ -1,5 +1,6 @@
 import pytest
 
+from tsc_missing.errors import UserError
 from tsc_missing.offline import collect as collecting
 from tsc_missing.offline.plan import CollectSettings
 
@@ -51,3 +52,12 @@ def test_killed_before_the_plan(tmp_path, small_net):
 
 def killed(*_):
     raise KeyboardInterrupt
+
+
+def test_a_full_disk_is_one_line(small_net, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tsc_missing.offline.collect.write_json", full)
+    with pytest.raises(UserError, match=r"out: .* \(No space left on device\); .* goes on"):
+        collecting.collect(plan(small_net, 1), tmp_path / "d")

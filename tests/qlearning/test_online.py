@@ -175,3 +175,12 @@ def test_a_training_that_diverges_writes_no_weights(small_net, tmp_path):
     with pytest.raises(DivergedError):
         QTraining(plan, tmp_path / "t").run(1)
     assert not (tmp_path / "t" / "weights.safetensors").exists()
+
+
+def test_a_full_disk_is_one_line(small_net, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tsc_missing.qlearning.online.write_inputs", full)
+    with pytest.raises(UserError, match=r"out: .* \(No space left on device\); .* --resume"):
+        QTraining(settings(small_net, rounds=1), tmp_path / "t").run(1)

@@ -12,7 +12,14 @@ from tsc_missing.config import SignalSettings
 from tsc_missing.diffusion.weights import load_weights
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_begun_training, check_new_training, replace_file, sha256
+from tsc_missing.files import (
+    KEPT,
+    check_begun_training,
+    check_new_training,
+    replace_file,
+    sha256,
+    written_into,
+)
 from tsc_missing.lookahead.believed import read_beliefs, write_beliefs
 from tsc_missing.lookahead.config import LEARNING, LookaheadSettings
 from tsc_missing.lookahead.episode import play_episode, read_played
@@ -77,16 +84,15 @@ class LookaheadTraining:
         self, workers: int, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False
     ) -> Path | None:
         """Play, fill, then learn; returns the weights' file, or None where ``stop`` was true."""
-        try:
-            (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
-            (self.folder / BELIEFS).mkdir(exist_ok=True)
-            plan = json.dumps(self.settings.model_dump(mode="json"), indent=1)
-            replace_file(self.folder / SETTINGS, plan.encode())
-            write_inputs(self.folder, self._inputs)
-        except OSError as error:
-            words = f"cannot be written ({error.strerror})"
-            raise UserError("out", self.folder, words) from error
-        tell = watch or (lambda there, what: None)
+        with written_into(self.folder, "out", KEPT):
+            return self._run(workers, watch or (lambda there, what: None), stop)
+
+    def _run(self, workers: int, tell: Watch, stop: Callable[[], bool]) -> Path | None:
+        (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
+        (self.folder / BELIEFS).mkdir(exist_ok=True)
+        plan = json.dumps(self.settings.model_dump(mode="json"), indent=1)
+        replace_file(self.folder / SETTINGS, plan.encode())
+        write_inputs(self.folder, self._inputs)
         try:
             play = [
                 (play_episode, self.settings, number, self._own.path(number))

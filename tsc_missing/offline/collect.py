@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
-from tsc_missing.files import sha256
+from tsc_missing.files import sha256, written_into
 from tsc_missing.network.folder import RECORD
 from tsc_missing.network.model import BoolArray, Network
 from tsc_missing.offline.dataset import (
@@ -53,6 +53,11 @@ def collect(
 
     ``workers`` processes run a simulation each. Stopped at any moment, the same call goes on.
     """
+    with written_into(out, "out", "; what is there stays, and the same command goes on"):
+        return _collect(settings, out, workers, watch)
+
+
+def _collect(settings: CollectSettings, out: Path, workers: int, watch: Watch | None) -> Dataset:
     settings.check()
     code = {name: own_digest(name, POLICY) for name in settings.policies if is_own(name)}
     settings = settings.model_copy(update={"code": code})

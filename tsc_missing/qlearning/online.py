@@ -13,7 +13,7 @@ from torch import Tensor
 from tsc_missing.config import RunSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.scenario import find_scenario
-from tsc_missing.files import check_begun_training, check_new_training, sha256
+from tsc_missing.files import KEPT, check_begun_training, check_new_training, sha256, written_into
 from tsc_missing.network.model import Network
 from tsc_missing.offline.dataset import Dataset, read_dataset
 from tsc_missing.offline.episode import play
@@ -128,6 +128,10 @@ class QTraining:
         self, workers: int, watch: Watch | None = None, stop: Callable[[], bool] = lambda: False
     ) -> Path | None:
         """Learn to the last round; returns the weights' file, or None where ``stop`` was true."""
+        with written_into(self.folder, "out", KEPT):
+            return self._run(workers, watch, stop)
+
+    def _run(self, workers: int, watch: Watch | None, stop: Callable[[], bool]) -> Path | None:
         (self.folder / EPISODES).mkdir(parents=True, exist_ok=True)
         new = self.round == 0 and self.learner.done == 0
         if new:  # something to go on from, before what may take minutes

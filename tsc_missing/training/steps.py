@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from tsc_missing.errors import UserError
-from tsc_missing.files import check_begun_training, check_new_training
+from tsc_missing.files import KEPT, check_begun_training, check_new_training, written_into
 from tsc_missing.offline.joined import Episodes
 from tsc_missing.seeding import stream
 from tsc_missing.training import checkpoint
@@ -85,18 +85,11 @@ class StepTraining(ABC, Generic[P, S]):
         raised. A full disk raises ``UserError``: the last checkpoint is whole.
         """
         began = time.perf_counter() - self._wall
-        try:
+        with written_into(self.folder, "out", KEPT):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._loop(began, watch, stop)
             self._save(time.perf_counter() - began)
             return self._write_weights()
-        except OSError as error:
-            raise UserError(
-                "out",
-                self.folder,
-                f"cannot be written ({error.strerror}); the last checkpoint is whole, and "
-                "--resume goes on from it",
-            ) from error
 
     def _loop(
         self, began: float, watch: Callable[[S], None] | None, stop: Callable[[], bool]
