@@ -57,7 +57,7 @@ def test_a_network_without_packaged_weights_says_what_makes_them(package):
     with pytest.raises(UserError) as caught:
         controller_of(RunSettings(controller="bc", net="jinan_2"))
     assert str(caught.value) == (
-        "weights: bc-jinan_2 are not in the package; `tsc-train bc --data data/jinan_2` makes "
+        "q_weights: bc-jinan_2 are not in the package; `tsc-train bc --data data/jinan_2` makes "
         "them, and --policy-weights runs/train-bc-jinan_2 uses them"
     )
 

@@ -166,7 +166,7 @@ def test_mistakes_are_found_before_anything_starts(command, small_net):
     assert done.stdout.count("to run") == 2
     write_suite(command, small_net, methods='"difflight"')
     weights = ("--set", "q_weights=nowhere", "--set", "diffusion.scoring=value")
-    words = ["method difflight, weights: nowhere is not allowed"]
+    words = ["method difflight, q_weights: nowhere is not allowed"]
     refused(command, "batch", "small.toml", *weights, words=words)
     assert not (command.cwd / "runs").exists()
     (command.cwd / "other").mkdir()

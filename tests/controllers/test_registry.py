@@ -151,3 +151,13 @@ def test_a_plan_on_a_traffic_model_has_the_rules_that_are_asked_for():
     assert isinstance(kept, Blind)
     assert isinstance(kept.controller, MaxRed)
     assert isinstance(kept.controller.controller, Spillback)
+
+
+@needs_torch
+def test_weights_that_are_known_but_not_shipped_are_no_mistake_in_the_name():
+    with pytest.raises(
+        UserError, match=r"are not in the package; `python -m tools\.strict jinan_2"
+    ):
+        make_controller(
+            "difflight", "sfm", "none", DiffusionSettings(weights="strict-jinan_2-random")
+        )

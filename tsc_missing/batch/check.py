@@ -6,7 +6,7 @@ from tsc_missing.baselines.config import SETTINGS as BASELINES
 from tsc_missing.baselines.config import train_command
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.controllers.catalogue import NATIVE
-from tsc_missing.controllers.registry import controller_of
+from tsc_missing.controllers.registry import POLICY_WEIGHTS, controller_of
 from tsc_missing.controllers.resolved import weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run import check_as_built, check_timing
@@ -44,7 +44,7 @@ def available(runs: Sequence[RunSpec], skip: bool) -> tuple[tuple[RunSpec, ...],
         problem = problems[key]
         if problem is None:
             there.append(run)
-        elif problem.field == WEIGHTS and (skip or _is_made_by_a_command(run)):
+        elif problem.field in (WEIGHTS, POLICY_WEIGHTS) and (skip or _is_made_by_a_command(run)):
             method, command = _lacks(run)
             lacking[method] = _also(lacking.get(method), command)
         else:

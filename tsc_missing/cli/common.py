@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 DONE, FAILED, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
+OTHER_NAMES = {"q_weights": "--policy-weights"}
+
 NOTHING_KEPT = "nothing was kept"
 FINISHED_KEPT = "what was finished before stays, and the same command goes on"
 
@@ -104,9 +106,10 @@ def _status(call: Callable[[], object], kept: str) -> int:
 
 def _by_its_option(error: UserError) -> str:
     """The error's words; a field that an option of the command line set goes by the option."""
-    option, words = f"--{error.field.replace('_', '-')}", str(error)
-    is_given = any(word.partition("=")[0] == option for word in sys.argv)
-    return option + words.removeprefix(error.field) if is_given else words
+    given = {word.partition("=")[0] for word in sys.argv}
+    names = (f"--{error.field.replace('_', '-')}", OTHER_NAMES.get(error.field))
+    option = next((name for name in names if name in given), error.field)
+    return option + str(error).removeprefix(error.field)
 
 
 def _in_words(error: typer.TyperException) -> str:

@@ -36,9 +36,9 @@ from tsc_missing.imputation.base import Imputed
 from tsc_missing.imputation.registry import make_imputer, require_imputer
 from tsc_missing.network.folder import network_name
 from tsc_missing.own_code import is_own
-from tsc_missing.weights.find import FIELD as WEIGHTS
 from tsc_missing.weights.find import MAKES_VALUES, find_weights, packaged_weights
 
+POLICY_WEIGHTS = "q_weights"  # the setting of a learned policy's and of values' weights
 LONG_SILENCE = 40  # [decision steps] 10 minutes: readings lost at random come back before
 
 BLIND: dict[str, Callable[[Controller, int], Controller]] = {  # of a controller and a maximum red
@@ -137,7 +137,7 @@ def _difflight(settings: DiffusionSettings, q_weights: str) -> Controller:
         find_weights(settings.weights),
         steps,
         settings.scoring,
-        [find_weights(name, MAKES_VALUES) for name in values],
+        [find_weights(name, MAKES_VALUES, POLICY_WEIGHTS) for name in values],
         settings.samples,
         blind_steps,
     )
@@ -163,16 +163,16 @@ def _learned(name: str, q_weights: str, net: str) -> Controller:
     if name not in BASELINES:
         from tsc_missing.qlearning.controller import make_q_policy
 
-        return make_q_policy(name, find_weights(weights, f"tsc-train {name}"))
+        return make_q_policy(name, find_weights(weights, f"tsc-train {name}", POLICY_WEIGHTS))
     from tsc_missing.baselines.controller import make_baseline
 
     command = train_command(name, network_name(net))
     folder = trained_folder(name, network_name(net))
     if q_weights == "auto" and weights not in packaged_weights():
         raise UserError(
-            WEIGHTS,
+            POLICY_WEIGHTS,
             weights,
             f"`{command}` makes them, and --policy-weights {folder} uses them",
             verdict="are not in the package",
         )
-    return make_baseline(name, find_weights(weights, command))
+    return make_baseline(name, find_weights(weights, command, POLICY_WEIGHTS))

@@ -26,26 +26,28 @@ def find_weights(name: str, command: str = COMMAND, field: str = FIELD) -> Path:
     what makes weights of that name, or else the ``command`` that makes some of the kind, and names
     the ``field``.
     """
-    packaged = packaged_weights()
+    packaged, makes = packaged_weights(), _command(name)
     if name in packaged:
         return FOLDER / name / FILE
     for path in (Path(name, FILE), Path(name), Path("runs", f"train-{name}", FILE)):
         if _is_file(path):
             return path
+    if makes:
+        raise UserError(field, name, f"`{makes}` makes them", verdict="are not in the package")
     allowed = "allowed: the path of a file, as none come with this installation"
     if packaged:
         allowed = f"{nearest(name, packaged)}, or the path of a file"
-    raise UserError(field, name or "nothing", f"{allowed}; `{_command(name, command)}` makes some")
+    raise UserError(field, name or "nothing", f"{allowed}; `{command}` makes some")
 
 
-def _command(name: str, default: str) -> str:
-    """What makes weights of that name, or else the ``default`` command."""
+def _command(name: str) -> str | None:
+    """What makes weights of that name, if it is known."""
     method, _, log = name.partition("-")
     net, _, pattern = log.rpartition("-")
     if method in ("strict", "paper") and net and pattern in ("random", "kriging"):
         option = "" if method == "strict" else f" --method {method}"
         return f"python -m tools.strict {net} {pattern}{option}"
-    return f"tsc-train {name}" if name in bundled_trainings() else default
+    return f"tsc-train {name}" if name in bundled_trainings() else None
 
 
 def _is_file(path: Path) -> bool:
