@@ -391,4 +391,6 @@ class TestFindWeights:
         monkeypatch.setattr(find, "FOLDER", tmp_path / "nothing")
         monkeypatch.chdir(tmp_path)
         with pytest.raises(UserError, match="none come with this installation"):
+            find.find_weights("mine")
+        with pytest.raises(UserError, match="`tsc-train universal` makes them"):
             find.find_weights("universal")
