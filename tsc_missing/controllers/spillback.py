@@ -62,7 +62,7 @@ class Spillback(Wrapper):
         """Reset the controller and take the network's roads."""
         network = context.network
         self._room = Room(network, self._space, context.spacing)
-        lanes = network.slot_lane_count * lane_share(network)
+        lanes = network.lane_parts
         arrivals = UNSEEN_ARRIVALS * context.decision_interval * lanes
         self._arrivals = np.where(context.sensors, 0.0, arrivals)  # (N, 12) in a decision step
         super().reset(context)
@@ -91,8 +91,5 @@ def lane_share(network: Network) -> FloatArray:
 
     Counts and ``storage`` of a lane are divided among its slots.
     """
-    _, slots, weights = network.lane_slots
-    parts = np.bincount(slots, weights, minlength=network.n * N_SLOTS)
     lanes = network.slot_lane_count
-    share = parts.reshape(lanes.shape) / np.maximum(lanes, 1)
-    return np.asarray(np.where(lanes > 0, share, 1.0))
+    return np.asarray(np.where(lanes > 0, network.lane_parts / np.maximum(lanes, 1), 1.0))

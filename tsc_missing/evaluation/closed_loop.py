@@ -12,7 +12,6 @@ from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.demand.driving import driving_of
 from tsc_missing.demand.trips import Demand, turning_flows, write_routes
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
-from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.seeding import stream
 from tsc_missing.sensing.observation import N_FEATURES, Measurement, apply_mask
 from tsc_missing.simulation.detectors import Detectors, write_area_detectors
@@ -106,7 +105,7 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     driving = driving_of(demand, settings.vehicle)
     return ControlContext(
         network=scene.network,
-        turning_flows=told_flows(demand, scene.network, settings),
+        turning_flows=_told_flows(demand, scene.network, settings),
         sensors=np.any(scene.mask, axis=0) if scene.sensors is None else scene.sensors,
         decision_interval=signals.decision_interval,
         lost_time=max(map(signals.yellow_at, scene.network.intersections)) + signals.all_red,
@@ -120,16 +119,14 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
     )
 
 
-def told_flows(demand: Demand, network: Network, settings: RunSettings) -> FloatArray:
+def _told_flows(demand: Demand, network: Network, settings: RunSettings) -> FloatArray:
     """(N, 12) [vehicles/h]: the turning flows that controllers are told.
 
     Those that ``demand`` sends, as a count that is off by the ``count_error`` has them; without
     turning counts ``UNCOUNTED`` for each lane, a lane that slots share in equal parts.
     """
     if settings.turning_counts == "none":
-        _, flat, weight = network.lane_slots
-        lanes = np.bincount(flat, weight, minlength=network.n * N_SLOTS)
-        return np.asarray(UNCOUNTED * lanes.reshape(network.n, N_SLOTS))
+        return UNCOUNTED * network.lane_parts
     flows = turning_flows(demand.trips, network, min(settings.horizon, demand.span))
     if not settings.count_error:
         return flows

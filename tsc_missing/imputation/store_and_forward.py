@@ -33,7 +33,8 @@ class StoreAndForward(Imputer):
         table = nearest_slots(context.network, self.k)
         self._nearest = np.maximum(table, 0)
         self._exists = table >= 0
-        self._lanes = _lanes(context.network)
+        lanes = context.network.lane_parts.reshape(-1, 1)
+        self._lanes = np.where(lanes > 0, lanes, 1.0)  # (12 N, 1); 1 where there is no slot
         self._previous = np.zeros((*shape, N_FEATURES))
         self._reported: BoolArray = np.zeros(shape, dtype=bool)
         self._exits = LastReported(shape)
@@ -107,14 +108,3 @@ def _hops(network: Network) -> tuple[list[list[int]], list[list[int]]]:
         upstream[follower].append(feeder)
         downstream[feeder].append(follower)
     return upstream, downstream
-
-
-def _lanes(network: Network) -> FloatArray:
-    """(12 N, 1): the lanes of each flat slot, 1 where it is not there.
-
-    A lane that slots share counts in equal parts.
-    """
-    _, slots, weights = network.lane_slots
-    lanes: FloatArray = np.zeros(network.n * N_SLOTS)
-    np.add.at(lanes, slots, weights)
-    return np.where(lanes > 0, lanes, 1.0)[:, None]

@@ -90,6 +90,13 @@ class Network:
         return lanes, flat, 1.0 / np.bincount(lanes)[lanes]
 
     @cached_property
+    def lane_parts(self) -> FloatArray:
+        """(N, 12): the entrance lanes of each slot, those that it shares in equal parts."""
+        _, flat, weight = self.lane_slots
+        parts = np.bincount(flat, weight, minlength=self.n * N_SLOTS)
+        return np.asarray(parts.reshape(self.n, N_SLOTS))
+
+    @cached_property
     def shares_lanes(self) -> BoolArray:
         """(N, 12): whether a slot shares an entrance lane with another."""
         _, flat, weight = self.lane_slots

@@ -26,12 +26,13 @@ def find_weights(name: str, command: str = COMMAND, field: str = FIELD) -> Path:
     what makes weights of that name, or else the ``command`` that makes some of the kind, and names
     the ``field``.
     """
-    packaged, makes = packaged_weights(), _command(name)
+    packaged = packaged_weights()
     if name in packaged:
         return FOLDER / name / FILE
     for path in (Path(name, FILE), Path(name), Path("runs", f"train-{name}", FILE)):
         if _is_file(path):
             return path
+    makes = _command(name)
     if makes:
         raise UserError(field, name, f"`{makes}` makes them", verdict="are not in the package")
     allowed = "allowed: the path of a file, as none come with this installation"
