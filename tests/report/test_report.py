@@ -1,6 +1,7 @@
 """Reports: their numbers, their figures, and the command."""
 
 import base64
+import csv
 import html.parser
 import json
 import re
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.report.cases import make_batch, with_settings
-from tsc_missing.batch.table import write_table
+from tsc_missing.batch.table import read_rows, write_table
 from tsc_missing.config import SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.report.document import make_report
@@ -379,7 +380,7 @@ def test_the_command_makes_a_report_and_replaces_it(command, tmp_path):
     out = make_batch(command.cwd / "b", tmp_path, decisions=True, skip="max-pressure-seed2")
     done = command("report", "b")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "b/report/report.md\nb/report/report.html\n"
+    assert done.stdout == "b/report/report.md\nb/report/report.html\nb/report/runs.csv\n"
     text = (out / "report" / "report.md").read_text()
     assert text.startswith("# Made \\| up\n\nOf <no> meaning.")
     assert "**4 of 60 runs not run:**" in text
@@ -408,6 +409,20 @@ def test_the_command_makes_a_report_and_replaces_it(command, tmp_path):
     assert command("report", "b", "--metric", "att_approach").returncode == 0
     assert "`att_approach` (mean time on the roads" in (out / "report" / "report.md").read_text()
     assert sorted(p.name for p in out.iterdir()) == ["batch.json", "failures", "report", "runs"]
+
+
+def test_the_runs_come_as_a_table_too(command, tmp_path):
+    out = make_batch(command.cwd / "b", tmp_path, skip="max-pressure-seed2")
+    assert command("report", "b").returncode == 0
+    lines = [*csv.DictReader((out / "report" / "runs.csv").open(newline=""))]
+    rows = [row for row in read_rows(out) if row["status"] == "finished"]
+    assert [line["run"] for line in lines] == [row["run"] for row in rows]
+    for line, row in zip(lines, rows, strict=True):
+        names = ("dataset", "case", "method", "seed", "demand_vehicles", "gridlock")
+        assert [line[name] for name in names] == [str(row[name]) for name in names]
+        assert float(line["att_all"]) == pytest.approx(row["att_all"], abs=1e-4)
+        assert line["trips.parquet_sha256"] == (row["trips.parquet_sha256"] or "")
+    assert {line["mask_seed"] for line in lines} == {"0", "1", "2"}  # of the run's seed
 
 
 def test_a_metric_that_is_0_has_no_ratios(command, tmp_path):

@@ -9,7 +9,7 @@ import typer
 
 from tsc_missing.cli.common import make_app, run_app
 
-app = make_app("Make a report of batches: report.md with figures, and one HTML file.")
+app = make_app("Make a report of batches: report.md with figures, one HTML file, and runs.csv.")
 
 
 @app.command()
@@ -28,7 +28,7 @@ def report(
         str, typer.Option(help="The result field that is reported (docs/metrics.md).")
     ] = "att_all",
 ) -> None:
-    """Make a report of batches: report.md with figures, and one HTML file."""
+    """Make a report of batches: report.md with figures, one HTML file, and runs.csv."""
     from tsc_missing.report.write import check_metric, check_target, write_report
 
     target = out if out is not None else results[0] / "report"

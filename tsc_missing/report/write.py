@@ -10,9 +10,10 @@ from tsc_missing.report.document import FIGURES, make_report
 from tsc_missing.report.page import to_html
 from tsc_missing.report.pictures import render
 from tsc_missing.report.results import read_results
+from tsc_missing.report.runs_table import runs_csv
 
 FIELD = "--out"
-MARKDOWN, HTML = "report.md", "report.html"
+MARKDOWN, HTML, RUNS = "report.md", "report.html", "runs.csv"
 METRICS = (  # result fields of which less is better, which ranks and comparisons go by
     "att_all",
     "att_approach",
@@ -45,14 +46,15 @@ def check_target(target: Path) -> None:
 def is_report(folder: Path) -> bool:
     """Whether there is nothing in a folder but a report, with its HTML page or without."""
     names = {path.name for path in folder.iterdir()}
-    return {MARKDOWN} <= names <= {MARKDOWN, HTML, FIGURES}
+    return {MARKDOWN} <= names <= {MARKDOWN, HTML, RUNS, FIGURES}
 
 
 def write_report(
     folders: Sequence[Path], target: Path, metric: str, command: str = ""
 ) -> list[Path]:
-    """Write the report of the batches in ``folders``; returns its two documents."""
-    report = make_report(read_results(folders), metric, command)
+    """Write the report of the batches in ``folders``; returns its documents and its table."""
+    results = read_results(folders)
+    report = make_report(results, metric, command)
     old = target.with_name(f".{target.name}.old")
     fresh = target.with_name(f".{target.name}.new")
     for left in (old, fresh):
@@ -61,6 +63,7 @@ def write_report(
         (folder / MARKDOWN).write_text(report.markdown, encoding="utf-8")
         images = {picture.name: render(picture.figure, "svg") for picture in report.pictures}
         (folder / HTML).write_text(to_html(report, images), encoding="utf-8")
+        (folder / RUNS).write_text(runs_csv(results), encoding="utf-8", newline="")
         if report.pictures:
             (folder / FIGURES).mkdir()
         for picture in report.pictures:
@@ -69,4 +72,4 @@ def write_report(
         target.rename(old)
     fresh.rename(target)
     shutil.rmtree(old, ignore_errors=True)
-    return [target / MARKDOWN, target / HTML]
+    return [target / MARKDOWN, target / HTML, target / RUNS]
