@@ -14,6 +14,7 @@ import typer
 from tools.bench.batch import bench_batch
 from tools.bench.case import Case, Wanted, make_case
 from tools.bench.costs import bench_costs
+from tools.bench.instructions import bench_instructions
 from tools.bench.loop import bench_loop
 from tools.bench.processes import BenchError
 from tools.bench.report import machine
@@ -24,6 +25,7 @@ class Name(StrEnum):
     """The benchmarks."""
 
     LOOP = "loop"
+    INSTRUCTIONS = "instructions"
     SUMO_RL = "sumo-rl"
     COSTS = "costs"
     BATCH = "batch"
@@ -32,17 +34,21 @@ class Name(StrEnum):
 Bench = Callable[[Case, int, Callable[[str], None]], dict[str, Any]]
 BENCHES: dict[Name, Bench] = {
     Name.LOOP: bench_loop,
+    Name.INSTRUCTIONS: bench_instructions,
     Name.SUMO_RL: bench_rl,
     Name.COSTS: bench_costs,
     Name.BATCH: bench_batch,
 }
+
+USUAL = [name for name in BENCHES if name is not Name.INSTRUCTIONS]  # which takes an hour
 
 
 def main(
     names: Annotated[
         list[Name] | None,
         typer.Argument(
-            help="loop: against bare SUMO; sumo-rl; costs: where time goes; batch: tsc-batch."
+            help="loop: against bare SUMO; instructions: the same, counted by valgrind; sumo-rl; "
+            "costs: where time goes; batch: tsc-batch."
         ),
     ] = None,
     net: Annotated[str, typer.Option(help="As of tsc-run.")] = "jinan",
@@ -68,8 +74,8 @@ def main(
             for number, one in enumerate(controllers):
                 _tell(f"recording {one}")
                 case = make_case(wanted, one, Path(scratch, one))
-                for name in names or list(BENCHES):
-                    if number == 0 or name is Name.LOOP:
+                for name in names or USUAL:
+                    if number == 0 or name in (Name.LOOP, Name.INSTRUCTIONS):
                         found.setdefault(name, []).append(BENCHES[name](case, rounds, _tell))
         except BenchError as error:
             print(f"error: {error}", file=sys.stderr)
