@@ -16,7 +16,7 @@ import pytest
 
 from tests.cityflow_files import grid_flows, grid_roadnet, write
 
-RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "mask.npz"}
+RUN_FILES = {"run.json", "decisions.parquet", "trips.parquet", "movements.parquet", "mask.npz"}
 FULL = Path("/dev/full")
 
 

@@ -10,10 +10,10 @@ import pytest
 from tests.cityflow_files import flow, grid_roadnet, road, write
 from tsc_missing.config import RunSettings, VehicleType
 from tsc_missing.evaluation.closed_loop import run_closed_loop
-from tsc_missing.evaluation.metrics import gridlocked, summarise
+from tsc_missing.evaluation.metrics import gridlocked, read_outputs, summarise
 from tsc_missing.evaluation.run import Options, execute, prepare
 from tsc_missing.network.importing import import_cityflow
-from tsc_missing.simulation.outputs import OutputFiles, TripTimes, lane_seconds, read_totals
+from tsc_missing.simulation.outputs import OutputFiles, TripTimes, read_lanes, read_totals
 
 HORIZON = 300
 
@@ -38,8 +38,9 @@ def crowded_run(tmp_path_factory):
     outputs = OutputFiles(folder / "sumo")
     outputs.folder.mkdir()
     trace = run_closed_loop(prepared.scene, settings, prepared.controller, outputs.folder)
-    result, trips = summarise(prepared.scene, trace, outputs, HORIZON, 0)
-    return prepared.scene, outputs, result, trips
+    measured = read_outputs(prepared.scene, outputs)
+    result = summarise(prepared.scene, trace, measured, HORIZON, 0)
+    return prepared.scene, outputs, result, measured.trips
 
 
 def test_sums_agree_with_sumos_statistics_to_the_second(crowded_run):
@@ -65,7 +66,7 @@ def test_every_scheduled_vehicle_counts(crowded_run):
 
 def test_time_on_approaches_is_within_the_time_driven(crowded_run):
     scene, outputs, result, _ = crowded_run
-    on_approach = lane_seconds(outputs.lanes, scene.network.entrance_lanes)
+    on_approach = read_lanes(outputs.lanes, scene.network.entrance_lanes).seconds.sum()
     totals = read_totals(outputs.statistics)
     assert 0 < on_approach < totals.travel_time
     assert result.att_approach == pytest.approx(on_approach / result.inserted)

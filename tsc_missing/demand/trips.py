@@ -1,5 +1,6 @@
 """Trips: who enters where, when, and by which roads; and their SUMO route file."""
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsc_missing.config import VehicleType
-from tsc_missing.network.model import Network
+from tsc_missing.network.model import IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 
 VEHICLE_TYPE_ID = "car"
@@ -73,6 +74,27 @@ class Demand:
         return cls(tuple(sorted(trips, key=lambda trip: trip.depart)), tuple(types))
 
 
+def slots_of_turns(network: Network) -> dict[tuple[str, str], int]:
+    """The flat slot of each pair of roads that follow each other over a signal."""
+    lanes = network.record.lanes
+    return {
+        (lanes[link.from_lane].road, lanes[link.to_lane].road): n * N_SLOTS + link.slot
+        for n, node in enumerate(network.intersections)
+        for link in node.links
+    }
+
+
+def first_slots(trips: Sequence[Trip], network: Network) -> IntArray:
+    """(M,): the flat slot by which each trip passes its first signal, -1 where it passes none."""
+    slot_of = slots_of_turns(network)
+    first: dict[tuple[str, ...], int] = {}
+    for trip in trips:
+        if trip.route not in first:
+            pairs = itertools.pairwise(trip.route)
+            first[trip.route] = next((slot_of[pair] for pair in pairs if pair in slot_of), -1)
+    return np.array([first[trip.route] for trip in trips], dtype=np.int64)
+
+
 def turning_flows(
     demand: Sequence[Trip], network: Network, horizon: float
 ) -> npt.NDArray[np.float64]:
@@ -83,12 +105,7 @@ def turning_flows(
     This is the turning count that a signal plan is designed with: the volume that wants to pass,
     whether or not it can.
     """
-    slot_of: dict[tuple[str, str], int] = {}
-    lanes = network.record.lanes
-    for n, node in enumerate(network.intersections):
-        for link in node.links:
-            roads = (lanes[link.from_lane].road, lanes[link.to_lane].road)
-            slot_of[roads] = n * N_SLOTS + link.slot
+    slot_of = slots_of_turns(network)
     counts = np.zeros(network.n * N_SLOTS)
     for trip in demand:
         if trip.depart < horizon:

@@ -1,5 +1,6 @@
 """The result fields of a run (``docs/metrics.md``), from SUMO's outputs and the loop's trace."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -10,10 +11,11 @@ from tsc_missing.network.model import FloatArray
 from tsc_missing.sensing.masks import missing_share
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.simulation.outputs import (
+    LaneTotals,
     OutputFiles,
     Totals,
     TripTimes,
-    lane_seconds,
+    read_lanes,
     read_totals,
     read_trips,
 )
@@ -54,17 +56,33 @@ class Result(BaseModel):
     sim_s_per_wall_s: float
 
 
-def summarise(
-    scene: Scene, trace: Trace, files: OutputFiles, horizon: float, fallbacks: int
-) -> tuple[Result, TripTimes]:
-    """The result of a finished run, and the times of its trips."""
+@dataclass(frozen=True)
+class Measured:
+    """What SUMO measured in a run."""
+
+    trips: TripTimes
+    lanes: LaneTotals  # of the network's ``sensor_lanes``
+    totals: Totals
+
+
+def read_outputs(scene: Scene, files: OutputFiles) -> Measured:
+    """Each of SUMO's outputs, read once."""
     scheduled = np.array([trip.depart for trip in scene.demand.trips], dtype=float)
-    trips = read_trips(files.trips, scheduled, scene.begin)
-    totals = read_totals(files.statistics)
-    on_approach = lane_seconds(files.lanes, scene.network.sensor_lanes)
+    return Measured(
+        trips=read_trips(files.trips, scheduled, scene.begin),
+        lanes=read_lanes(files.lanes, scene.network.sensor_lanes),
+        totals=read_totals(files.statistics),
+    )
+
+
+def summarise(
+    scene: Scene, trace: Trace, measured: Measured, horizon: float, fallbacks: int
+) -> Result:
+    """The result of a finished run."""
+    on_approach = float(measured.lanes.seconds.sum())
     fields: dict[str, object] = {
-        **_travel_times(trips, on_approach, horizon),
-        **_counts(trips, totals, horizon),
+        **_travel_times(measured.trips, on_approach, horizon),
+        **_counts(measured.trips, measured.totals, horizon),
         **_decision_times(trace),
         "mean_queue": float(trace.truth[:, :, :, QUEUE].sum(axis=(1, 2)).mean()),
         "missing_share": missing_share(trace.mask, scene.network.slot_mask),
@@ -74,7 +92,7 @@ def summarise(
         "wall_s": trace.wall_seconds,
         "sim_s_per_wall_s": horizon / trace.wall_seconds,
     }
-    return Result.model_validate(fields), trips
+    return Result.model_validate(fields)
 
 
 def percentile(values: FloatArray, percent: float) -> float:

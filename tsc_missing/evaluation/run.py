@@ -14,7 +14,7 @@ from tsc_missing.controllers.registry import controller_of
 from tsc_missing.controllers.resolved import code_of, resolved, weights_of
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
-from tsc_missing.evaluation.metrics import Result, summarise
+from tsc_missing.evaluation.metrics import Measured, Result, read_outputs, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
 from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import Network
@@ -23,7 +23,7 @@ from tsc_missing.sensing.masks_of_runs import mask_file, mask_of, sensors_of
 from tsc_missing.sensing.outage_list import is_list
 from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.native import AS_BUILT
-from tsc_missing.simulation.outputs import OutputFiles, TripTimes
+from tsc_missing.simulation.outputs import OutputFiles
 from tsc_missing.simulation.programs import NativeProgram
 from tsc_missing.versions import git_revision, versions
 from tsc_missing.weights.find import find_weights
@@ -118,29 +118,34 @@ def _execute(prepared: Prepared, folder: Path | None, watch: Watch | None) -> Re
         fallbacks = (
             prepared.controller.fallback_steps if isinstance(prepared.controller, Safe) else 0
         )
-        files = OutputFiles(Path(scratch))
-        result, trips = summarise(scene, trace, files, settings.horizon, fallbacks)
+        measured = read_outputs(scene, OutputFiles(Path(scratch)))
+    result = summarise(scene, trace, measured, settings.horizon, fallbacks)
     if folder is not None:
-        _write(folder, prepared, trace, trips, result)
+        _write(folder, prepared, trace, measured, result)
     return result
 
 
 def _write(
-    folder: Path, prepared: Prepared, trace: Trace, trips: TripTimes, result: Result
+    folder: Path, prepared: Prepared, trace: Trace, measured: Measured, result: Result
 ) -> None:
+    from tsc_missing.evaluation.movements import measure_movements
     from tsc_missing.evaluation.run_folder import (
         write_decisions,
         write_mask,
+        write_movements,
         write_run,
         write_trips,
     )
 
     write_run(folder, describe(prepared, result))
-    write_trips(folder, prepared.scene, trips, prepared.settings.horizon)
-    if not isinstance(prepared.controller, NativeProgram):
-        write_mask(folder, prepared.scene)
+    scene, horizon = prepared.scene, prepared.settings.horizon
+    native = isinstance(prepared.controller, NativeProgram)
+    write_trips(folder, scene, measured.trips, horizon)
+    write_movements(folder, scene, measure_movements(scene, trace, measured, horizon, native))
+    if not native:
+        write_mask(folder, scene)
     if prepared.options.decisions:
-        write_decisions(folder, prepared.scene, trace)
+        write_decisions(folder, scene, trace)
 
 
 def checksums(settings: RunSettings, scenario: Scenario) -> dict[str, str]:

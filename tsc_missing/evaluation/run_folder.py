@@ -1,4 +1,4 @@
-"""The run folder: run.json, decisions.parquet, trips.parquet, mask.npz."""
+"""The run folder: run.json, decisions.parquet, trips.parquet, movements.parquet, mask.npz."""
 
 import json
 from pathlib import Path
@@ -9,8 +9,9 @@ import pyarrow.parquet as pq
 
 from tsc_missing.evaluation import columns
 from tsc_missing.evaluation.closed_loop import Scene, Trace
+from tsc_missing.evaluation.movements import Movements
 from tsc_missing.network.model import FloatArray
-from tsc_missing.network.slots import N_SLOTS
+from tsc_missing.network.slots import N_SLOTS, slot_name
 from tsc_missing.sensing.masks import save_mask
 from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.simulation.outputs import TripTimes
@@ -18,7 +19,9 @@ from tsc_missing.simulation.outputs import TripTimes
 RUN = "run.json"
 DECISIONS = "decisions.parquet"
 TRIPS = "trips.parquet"
+MOVEMENTS = "movements.parquet"
 MASK = "mask.npz"
+SLOT_NAMES = tuple(map(slot_name, range(N_SLOTS)))
 STATUS = ("waiting", "running", "finished")
 
 
@@ -62,6 +65,18 @@ def write_trips(folder: Path, scene: Scene, trips: TripTimes, horizon: float) ->
         }
     )
     pq.write_table(table, folder / TRIPS)
+
+
+def write_movements(folder: Path, scene: Scene, movements: Movements) -> None:
+    """Write a row a slot that is there, in the order of the intersections; null where NaN."""
+    network = scene.network
+    n, slots = np.nonzero(network.slot_mask)
+    found = {
+        "intersection": columns.coded(n.astype(np.int32), network.ids),
+        "movement": columns.coded(slots.astype(np.int32), SLOT_NAMES),
+        **{name: columns.measured(it[n, slots]) for name, it in movements.columns().items()},
+    }
+    pq.write_table(columns.table(found), folder / MOVEMENTS)
 
 
 def write_decisions(folder: Path, scene: Scene, trace: Trace) -> None:

@@ -1,6 +1,6 @@
-"""SUMO's own outputs: one record a trip, vehicle-seconds a lane, and the totals of the run."""
+"""SUMO's own outputs: one record a trip, totals a lane, and the totals of the run."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -94,23 +94,57 @@ def read_trips(path: Path, scheduled: FloatArray, begin: float = 0.0) -> TripTim
         if tag == "tripinfo" and float(values.get("depart", "-1")) >= 0:
             table[int(values["id"])] = [float(values.get(c, "nan")) for c in COLUMNS]
 
-    parser = expat.ParserCreate()  # not ElementTree, which makes an object of each trip
-    parser.StartElementHandler = element
-    with path.open("rb") as stream:
-        parser.ParseFile(stream)
+    _parse(path, element)
     depart, arrival, time_loss, waiting_time, route_length = table.T
     arrival = np.where(arrival >= 0, arrival, np.nan) - begin
     return TripTimes(scheduled, depart - begin, arrival, time_loss, waiting_time, route_length)
 
 
-def lane_seconds(path: Path, lanes: Iterable[str]) -> float:
-    """Vehicle-seconds spent on the given lanes over the run."""
-    wanted = set(lanes)
-    return sum(
-        float(element.get("sampledSeconds", "0"))
-        for _, element in ElementTree.iterparse(path)
-        if element.tag == "lane" and element.get("id") in wanted
-    )
+LANE_COLUMNS = (
+    "sampledSeconds",
+    "timeLoss",
+    "waitingTime",
+    "left",
+    "departed",
+    "entered",
+    "laneChangedTo",
+    "laneChangedFrom",
+    "arrived",
+)
+
+
+@dataclass(frozen=True)
+class LaneTotals:
+    """What SUMO sums up over the run on each of K lanes."""
+
+    seconds: FloatArray  # [s] that vehicles spent on it
+    time_loss: FloatArray  # [s] against driving at the allowed speed
+    waiting_time: FloatArray  # [s] below 0.1 m/s
+    left: FloatArray  # [vehicles] that drove off its end
+    there: FloatArray  # [vehicles] on it at the run's end
+
+
+def read_lanes(path: Path, lanes: Sequence[str]) -> LaneTotals:
+    """The totals of the given lanes; one that the file does not have was always empty."""
+    position = {lane: k for k, lane in enumerate(lanes)}
+    table = np.zeros((len(lanes), len(LANE_COLUMNS)))
+
+    def element(tag: str, values: dict[str, str]) -> None:
+        if tag == "lane" and values["id"] in position:
+            table[position[values["id"]]] = [float(values.get(c, "0")) for c in LANE_COLUMNS]
+
+    _parse(path, element)
+    seconds, time_loss, waiting_time, left, departed, entered, to, off, arrived = table.T
+    there = departed + entered + to - off - left - arrived
+    return LaneTotals(seconds, time_loss, waiting_time, left, there)
+
+
+def _parse(path: Path, element: Callable[[str, dict[str, str]], None]) -> None:
+    """Call ``element`` with the name and attributes of each; ElementTree makes objects of them."""
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = element
+    with path.open("rb") as stream:
+        parser.ParseFile(stream)
 
 
 @dataclass(frozen=True)

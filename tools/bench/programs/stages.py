@@ -38,10 +38,11 @@ STAGES = (
     "tsc_missing.simulation.engine:Simulation.advance",
     "tsc_missing.simulation.engine:Simulation.__exit__",
     "tsc_missing.evaluation.metrics:read_trips",
-    "tsc_missing.evaluation.metrics:lane_seconds",
+    "tsc_missing.evaluation.metrics:read_lanes",
     "tsc_missing.evaluation.metrics:summarise",
     "tsc_missing.evaluation.run:versions",
     "tsc_missing.evaluation.run:git_revision",
+    "tsc_missing.evaluation.movements:measure_movements",
     "tsc_missing.evaluation.run:_write",
 )
 
