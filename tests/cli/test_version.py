@@ -4,8 +4,10 @@ import pytest
 
 from tsc_missing.versions import versions
 
+NAMES = ("run", "net", "collect", "train", "batch", "report", "compare", "check")
 
-@pytest.mark.parametrize("name", ["run", "net", "collect", "train", "batch", "report", "check"])
+
+@pytest.mark.parametrize("name", NAMES)
 def test_every_command_says_its_version(command, name):
     done = command(name, "--version")
     assert (done.returncode, done.stderr) == (0, "")
