@@ -45,7 +45,7 @@ class Shown:
 
     values: FloatArray  # (N,) [s a vehicle], NaN where nobody came
     labels: list[str]  # (N,)
-    blind: BoolArray  # (N,): never observed in the last run
+    blind: BoolArray  # (N,): never observed, in one run at least
     norm: Normalize
     colours: str
     words: str  # of the colour bar
@@ -68,7 +68,7 @@ def _shown(comparison: Comparison, network: Network) -> Shown:
     change_of = {change.places[0].intersection: change for change in comparison.changes}
     changes = [change_of[name] for name in network.ids]
     last = [change.places[-1] for change in changes]
-    blind = np.array([place.observed == 0 for place in last])
+    blind = np.array([any(place.observed == 0 for place in it.places) for it in changes])
     names = " → ".join(run.folder.resolve().name for run in comparison.runs)
     if len(comparison.runs) == 1:
         delays = np.array([place.delay for place in last], dtype=float)
@@ -140,7 +140,7 @@ def _legend(shown: Shown) -> list[tuple[Any, str]]:
     if shown.blind.any():
         cross = Line2D([], [], ls="", marker="x", ms=6, mew=1.6, color=INK)
         square = Line2D([], [], marker="s", mfc=middle, **dot)
-        which = " in the second" if shown.colours == CHANGES else ""
+        which = " in a run" if shown.colours == CHANGES else ""
         entries.append(((square, cross), f"never observed{which} ({shown.blind.sum()})"))
     if np.isnan(shown.values).any():
         entries.append((Line2D([], [], marker="o", mfc=WHITE, **dot), "where nobody came"))
