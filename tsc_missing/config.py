@@ -69,6 +69,7 @@ class MissingSettings(Settings):
     pattern: Literal["none", "random", "kriging", "lane", "burst", "mixed", "file"] = "none"
     rate: float = Field(0.0, ge=0, le=1)
     adjacent: bool = False  # kriging: an intersection and all its neighbours are blind
+    lasting: bool = False  # lane: a slot is silent for the whole run, or never
     mean_outage: float = Field(MEAN_OUTAGE, ge=1)  # [decision steps]
     file: str = ""  # a mask.npz or a list of outages (CSV), for the pattern file
 
@@ -79,6 +80,11 @@ class MissingSettings(Settings):
         if path.name == "mask.npz":
             return "replayed"
         return path.name if path.stem in ("none", "replayed") else path.stem
+
+    @property
+    def variant(self) -> str:
+        """What is said of a pattern beside its name; often nothing."""
+        return "adjacent" if self.adjacent else "lasting" if self.lasting else ""
 
     @model_validator(mode="before")
     @classmethod
@@ -92,6 +98,8 @@ class MissingSettings(Settings):
     def _means_something(self) -> Self:
         if self.adjacent and self.pattern != "kriging":
             raise ValueError("adjacent goes with the pattern kriging only")
+        if self.lasting and self.pattern != "lane":
+            raise ValueError("lasting goes with the pattern lane only")
         if self.mean_outage != MEAN_OUTAGE and self.pattern not in ("burst", "mixed"):
             raise ValueError("mean_outage goes with the patterns burst and mixed only")
         if self.rate > 0 and self.pattern == "none":

@@ -111,6 +111,17 @@ def test_axes_make_the_product_and_words(tmp_path):
     assert {r.case for r in suite.runs} == {"kriging 25 %", "kriging (adjacent) 25 %"}
 
 
+def test_faults_that_last_are_a_case_of_their_own(tmp_path):
+    text = (
+        '[[runs]]\nmethod = "max-queue"\n'
+        'missing = { pattern = "lane", rate = 0.25, lasting = [false, true] }\n'
+    )
+    single, lasting = read_suite(str(write(tmp_path, text))).runs
+    assert (single.case, lasting.case) == ("lane 25 %", "lane (lasting) 25 %")
+    assert single.name == "jinan_1-lane-0.25-max-queue-seed0"
+    assert lasting.name == "jinan_1-lane-lasting-0.25-max-queue-seed0"
+
+
 def test_what_bounds_a_controller_is_of_its_method(tmp_path):
     text = '[[runs]]\nmethod = "max-queue"\nsignals.min_space = [0, 9]\nhorizon = [60, 90]\n'
     runs = read_suite(str(write(tmp_path, text))).runs

@@ -62,6 +62,14 @@ def test_the_picture_shows_what_is_missing(command, small_net):
     assert marks(command.cwd / "x.svg") == expected
 
 
+def test_the_picture_shows_lasting_faults(command, small_net):
+    options = ("--missing", "lane", "--lasting", "--rate", 0.25, "--out", "x.svg")
+    sensors = show_json(command, small_net, *options)["sensors"]
+    assert sensors["source"] == "lane (lasting) 25 %, seed 0"
+    assert sensors["missing_share"] == 0.25
+    assert sensors["partly_observed"] + len(sensors["never_observed"]) > 1
+
+
 def test_a_run_and_its_mask_show_the_same(command, small_net):
     options = ("--missing", "kriging", "--rate", 0.5, "--horizon", 150)
     done = command("run", "--net", small_net, *options, "--out", "run")

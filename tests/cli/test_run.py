@@ -161,6 +161,20 @@ def test_every_pattern_and_imputer(command, small_net, pattern, imputer):
 
 
 def test_area_detectors_as_long_as_the_lane_measure_the_lane(command, small_net):
+def test_broken_sensors_are_silent_for_the_whole_run(command, small_net):
+    options = ("--net", small_net, "--missing", "lane", "--lasting", "--horizon", 150)
+    out = run_json(command, *options, "--rate", 0.9, "--controller", "rolling-horizon")
+    assert out["out"] == "runs/small-lane-lasting-0.9-rolling-horizon-seed0"
+    assert out["result"]["missing_share"] == pytest.approx(65 / 72)
+    assert out["result"]["fallbacks"] == 0
+    mask = np.load(command.cwd / out["out"] / "mask.npz")["mask"]
+    assert (mask == mask[:1]).all()
+    assert not mask.any(axis=2).all()
+    done = command("run", *options, "--rate", 0.25, "--controller", "max-queue")
+    assert "max-queue, lane (lasting) missing at rate 0.25, seed 0" in done.stdout
+    assert "warning" not in done.stdout
+
+
     options = ("--net", small_net, "--horizon", 300, "--controller", "max-queue")
     lane = run_json(command, *options, "--out", "lane")
     area = run_json(

@@ -45,6 +45,13 @@ def test_the_blind_set_of_a_log_holds_those_of_runs_with_its_seed(seed, rate):
     assert not (of_run & ~dark[0]).any()
 
 
+@given(seed=RUN_SEEDS)
+def test_what_never_reports_in_a_log_is_the_same_in_every_episode(seed):
+    missing = MissingSettings(pattern="lane", rate=0.25, lasting=True)
+    settings = CollectSettings(nets=("jinan",), missing=missing, seed=seed)
+    assert {draw_spec(settings, number).mask_seed for number in range(3)} == {seed}
+
+
 def test_the_mask_seed_changes_the_mask_alone(small_net):
     def scene(**seeds):
         missing = MissingSettings(pattern="random", rate=0.5)

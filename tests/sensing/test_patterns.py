@@ -106,6 +106,40 @@ def test_movements_on_one_lane_are_silent_together(pattern):
     assert (left == draw(pattern, 0.5, GRID, steps=400)[:, :, 0::3]).all()
 
 
+def sensors(network):
+    """The slots (N, 12) that each sensor of the network is of."""
+    there = [*zip(*np.nonzero(network.slot_mask), strict=True)]
+    firsts = {(n, network.slots_in_common[n, slot]) for n, slot in there}
+    numbers = np.arange(network.n)[:, None]
+    return [
+        (network.slots_in_common == first) & (numbers == n) & network.slot_mask
+        for n, first in firsts
+    ]
+
+
+@pytest.mark.parametrize("network", [GRID, TEE, sharing_lanes(GRID)], ids=["grid", "tee", "shared"])
+@given(seed=SEEDS, rate=st.floats(0, 1), more=st.floats(0, 1))
+def test_lasting_faults_are_a_share_of_the_sensors(network, seed, rate, more):
+    found = sensors(network)
+    mask = draw("lane", rate, network, 5, seed, lasting=True)
+    assert (mask == mask[:1]).all()
+    assert all(len(np.unique(mask[0, slots])) == 1 for slots in found)
+    broken = sum(not mask[0, slots].any() for slots in found)
+    assert broken == max(math.floor(round(rate * len(found), 9) + 0.5), rate > 0)
+    assert mask[:, ~network.slot_mask].all()
+    fewer = draw("lane", rate * more, network, 5, seed, lasting=True)
+    assert (fewer >= mask).all()
+    missing = MissingSettings(pattern="lane", rate=rate, lasting=True)
+    assert (equipped(missing, network, seed) == mask[0]).all()
+
+
+def test_lasting_faults_are_of_the_lane_pattern():
+    assert missing_share(draw("lane", 0.25, lasting=True), GRID.slot_mask) == 0.25
+    for pattern in sorted(set(PATTERNS) - {"lane"}):
+        with pytest.raises(ValueError, match="lasting goes with the pattern lane only"):
+            draw(pattern, 0.25, lasting=True)
+
+
 @given(seed=SEEDS, rate=st.floats(0, 0.25))
 def test_kriging_share_and_no_two_adjacent(seed, rate):
     nodes = blind(rate, seed=seed)

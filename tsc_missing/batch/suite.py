@@ -266,7 +266,7 @@ def _labels(
     missing, net = run.missing, Path(canonical(run.net)).name
     what: list[str] = [missing.file_words if missing.file else missing.pattern]
     if missing.pattern not in ("none", "file"):
-        what += [*(["adjacent"] if missing.adjacent else []), f"{missing.rate:g}"]
+        what += [*filter(None, [missing.variant]), f"{missing.rate:g}"]
         if ("missing", "mean_outage") in settings:
             what.append(f"outage{missing.mean_outage:g}")
     parts = [net, *of_scene, *what, method, *of_method, f"seed{run.seed}"]

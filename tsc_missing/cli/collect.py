@@ -7,7 +7,13 @@ import typer
 from pydantic import ValidationError
 
 from tsc_missing.cli.common import FINISHED_KEPT, INTERRUPTED, make_app, messages, run_app
-from tsc_missing.cli.options import AdjacentOption, MeanOutageOption, missing_rate, option_error
+from tsc_missing.cli.options import (
+    AdjacentOption,
+    LastingOption,
+    MeanOutageOption,
+    missing_rate,
+    option_error,
+)
 from tsc_missing.network.folder import bundled_profiles
 from tsc_missing.offline.dataset import EPISODES, Dataset
 from tsc_missing.offline.plan import CollectSettings
@@ -84,6 +90,7 @@ def collect(
         float | None, typer.Option(help="Share of the log that is missing, 0 to 1.")
     ] = None,
     adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    lasting: LastingOption = DEFAULT.missing.lasting,
     mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     horizon: Annotated[int, typer.Option(help="Simulated seconds of an episode.")] = (
         DEFAULT.horizon
@@ -109,6 +116,7 @@ def collect(
             "pattern": missing,
             "rate": missing_rate(missing, rate, advice=DRAWN),
             "adjacent": adjacent,
+            "lasting": lasting,
             "mean_outage": mean_outage,
         },
         horizon=horizon,

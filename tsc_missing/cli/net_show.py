@@ -8,6 +8,7 @@ import typer
 
 from tsc_missing.cli.options import (
     AdjacentOption,
+    LastingOption,
     MeanOutageOption,
     NetArgument,
     make_settings,
@@ -36,6 +37,7 @@ def show(
         float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
     ] = None,
     adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    lasting: LastingOption = DEFAULT.missing.lasting,
     mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     mask: Annotated[
         Path | None,
@@ -75,6 +77,7 @@ def show(
             "rate": _rate(missing, rate, mask, run),
             "file": "" if mask is None else str(mask),
             "adjacent": adjacent,
+            "lasting": lasting,
             "mean_outage": mean_outage,
         },
         seed=seed,

@@ -20,6 +20,9 @@ NetArgument = Annotated[
 AdjacentOption = Annotated[
     bool, typer.Option(help="Kriging: blind one intersection and all its neighbours.")
 ]
+LastingOption = Annotated[
+    bool, typer.Option(help="Lane: broken movements are silent for the whole run.")
+]
 MeanOutageOption = Annotated[
     float, typer.Option(help="Burst, mixed: mean length of an outage in decision steps.")
 ]
@@ -70,14 +73,17 @@ def _allowed(problem: Any) -> str:
     return str(problem["msg"]).removeprefix("Value error, ")
 
 
-def check_replay(pattern: str, rate: float | None, mask_seed: int | None, adjacent: bool) -> None:
+def check_replay(
+    pattern: str, rate: float | None, mask_seed: int | None, adjacent: bool, lasting: bool
+) -> None:
     """Raise ``UserError`` for what says how a mask is drawn, where one is read instead."""
     wanted = None if pattern == "none" else pattern
     for option, value in (("--rate", rate), ("--mask-seed", mask_seed), ("--missing", wanted)):
         if value is not None:
             raise UserError(option, value, "it cannot go with --mask, which draws nothing")
-    if adjacent:
-        raise UserError("--adjacent", "set", "it cannot go with --mask, which draws nothing")
+    for option, is_set in (("--adjacent", adjacent), ("--lasting", lasting)):
+        if is_set:
+            raise UserError(option, "set", "it cannot go with --mask, which draws nothing")
 
 
 def missing_rate(

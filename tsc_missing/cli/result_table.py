@@ -120,7 +120,8 @@ def _missing_in_words(prepared: Prepared) -> str:
         return f"missing as in {missing.file}"
     if missing.pattern == "none":
         return "everything observed"
-    return f"{missing.pattern} missing at rate {missing.rate:g}"
+    variant = f" ({missing.variant})" if missing.variant else ""
+    return f"{missing.pattern}{variant} missing at rate {missing.rate:g}"
 
 
 def rows(result: Result) -> list[tuple[str, str, str]]:

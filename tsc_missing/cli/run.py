@@ -13,6 +13,7 @@ import typer
 from tsc_missing.cli.common import make_app, run_app_and_leave
 from tsc_missing.cli.options import (
     AdjacentOption,
+    LastingOption,
     MeanOutageOption,
     check_replay,
     make_settings,
@@ -112,6 +113,7 @@ def run(
         float | None, typer.Option(help="Share of the data that is missing, 0 to 1.")
     ] = None,
     adjacent: AdjacentOption = DEFAULT.missing.adjacent,
+    lasting: LastingOption = DEFAULT.missing.lasting,
     mean_outage: MeanOutageOption = DEFAULT.missing.mean_outage,
     mask: Annotated[
         Path | None,
@@ -186,7 +188,7 @@ def run(
 ) -> None:
     """Run one simulation in closed loop, with sensors missing, and account for it."""
     if mask is not None:
-        check_replay(missing, rate, mask_seed, adjacent)
+        check_replay(missing, rate, mask_seed, adjacent, lasting)
     settings = make_settings(
         net=net,
         demand=demand,
@@ -205,6 +207,7 @@ def run(
             "pattern": missing if mask is None else "file",
             "rate": missing_rate(missing, rate, needed=mask is None),
             "adjacent": adjacent,
+            "lasting": lasting,
             "mean_outage": mean_outage,
             "file": "" if mask is None else str(mask),
         },
@@ -269,10 +272,11 @@ def _made(folder: Path) -> bool:
 
 def _name(settings: RunSettings) -> str:
     missing = settings.missing
+    drawn = [missing.pattern, *filter(None, [missing.variant])]
     rate = [f"{missing.rate:g}"] if missing.pattern != "none" else []
     what = [
         Path(settings.net).name,
-        *([missing.file_words] if missing.file else [missing.pattern, *rate]),
+        *([missing.file_words] if missing.file else [*drawn, *rate]),
         class_name(settings.controller),
         f"seed{settings.seed}",
     ]

@@ -131,5 +131,5 @@ def missing_words(missing: MissingSettings) -> str:
     """For example ``kriging (adjacent) 25 %``; of a file its name."""
     if missing.file:
         return missing.file_words
-    details = " (adjacent)" if missing.adjacent else ""
+    details = f" ({missing.variant})" if missing.variant else ""
     return f"{missing.pattern}{details} {100 * missing.rate:g} %"

@@ -103,7 +103,7 @@ class EpisodeSpec(Settings):
 def draw_spec(settings: CollectSettings, number: int, scaled: bool = True) -> EpisodeSpec:
     """Episode ``number`` of a collection; ``scaled``: the demand of its network can be scaled.
 
-    The blind intersections of kriging masks are the same in every episode, and those of runs
+    What never reports, in kriging masks and lasting ones, is the same in every episode, and in runs
     with the collection's seed as mask seed. All else is drawn anew for each episode; other masks
     have seeds that no run can have.
     """
@@ -114,7 +114,7 @@ def draw_spec(settings: CollectSettings, number: int, scaled: bool = True) -> Ep
     unaware = _uniform(rng, 0.0, settings.unaware)
     steps = RunSettings(horizon=settings.horizon).steps
     seed, mask_seed = (int(rng.integers(2**31)) for _ in range(2))
-    if settings.missing.pattern == "kriging":
+    if settings.missing.pattern == "kriging" or settings.missing.lasting:
         mask_seed = settings.seed
     elif settings.missing.pattern != "none":
         mask_seed += SEEDS

@@ -26,7 +26,7 @@ from tsc_missing.report.style import (
     scale_top,
 )
 
-Group = tuple[str, bool, float]  # a pattern, whether kriging is adjacent, the mean outage
+Group = tuple[str, str, float]  # a pattern, its variant, the mean outage
 Points = list[tuple[float, Mean]]
 
 DARK = 0.2  # relative luminance of a colour below which white words are easier to read
@@ -149,13 +149,13 @@ def _groups(results: Results, dataset: str) -> list[Group]:
 
 
 def _group(missing: MissingSettings) -> Group:
-    return missing.pattern, missing.adjacent, missing.mean_outage
+    return missing.pattern, missing.variant, missing.mean_outage
 
 
 def _group_words(group: Group) -> str:
-    pattern, adjacent, outage = group
+    pattern, variant, outage = group
     steps = "" if outage == MEAN_OUTAGE else f" (outages of {outage:g} steps)"
-    return f"{pattern}{' (adjacent)' if adjacent else ''} missing{steps}"
+    return f"{pattern}{f' ({variant})' if variant else ''} missing{steps}"
 
 
 def _rates(results: Results, dataset: str, group: Group) -> dict[float, str]:

@@ -30,13 +30,15 @@ def draw_mask(settings: MissingSettings, network: Network, steps: int, seed: int
 def equipped(settings: MissingSettings, network: Network, seed: int) -> BoolArray:
     """(N, 12): the inventory of a drawn mask: which slots have a sensor, that may fail.
 
-    Those of blind intersections have none, and where all is missing there are none; the others
-    are there, however long they are silent.
+    Those of blind intersections have none, nor have those that ``lasting`` silences, and where all
+    is missing there are none; the others are there, however long they are silent.
     """
     there = network.slot_mask & (settings.rate < 1 or settings.pattern == "none")
     rng = stream(seed, "mask")
     if settings.pattern == "kriging":
         there = there & _kriging(settings, network, 1, rng)[0]
+    if settings.lasting:
+        there = there & _lane(settings, network, 1, rng)[0]
     if settings.pattern == "mixed":
         there = there & _without(_blind_in_mixture(settings, network, rng)[0], network.n)[0]
     return there | ~network.slot_mask
@@ -59,7 +61,13 @@ def _random(
 def _lane(
     settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
 ) -> BoolArray:
-    """(T, N, 12): each step of each slot is missing with probability ``rate``."""
+    """(T, N, 12): each step of each slot is missing with probability ``rate``.
+
+    With ``lasting`` (1, N, 12): ``rate`` of the slots, at least one unless it is 0, never report.
+    Those that share sensors count as one.
+    """
+    if settings.lasting:
+        return ~_silent_for_good(settings.rate, network, rng)[None]
     return _by_lanes(rng.random((steps, network.n, N_SLOTS)) >= settings.rate, network)
 
 
@@ -67,7 +75,7 @@ def _kriging(
     settings: MissingSettings, network: Network, steps: int, rng: np.random.Generator
 ) -> BoolArray:
     """(1, N, 1): ``rate`` of the intersections, at least one unless it is 0, never report."""
-    count = max(_nearest_count(settings.rate, network.n), int(settings.rate > 0))
+    count = _at_least_one(settings.rate, network.n)
     draw = _surrounded_set if settings.adjacent else _spread_set
     return _without(draw(network, count, settings.rate, rng), network.n)
 
@@ -125,14 +133,22 @@ def _by_lanes(reported: BoolArray, network: Network) -> BoolArray:
     return np.take_along_axis(reported, network.slots_in_common[None], axis=2)
 
 
+def _silent_for_good(rate: float, network: Network, rng: np.random.Generator) -> BoolArray:
+    """(N, 12): the slots whose sensors are the first ``rate`` of them in a random order."""
+    first = np.arange(network.n)[:, None] * N_SLOTS + network.slots_in_common
+    sensors = rng.permutation(np.unique(first[network.slot_mask]))
+    silent = sensors[: _at_least_one(rate, len(sensors))]
+    return np.isin(first, silent) & network.slot_mask
+
+
 def _without(blind: IntArray, n: int) -> BoolArray:
     """(1, N, 1): true but for the intersections ``blind``."""
     return ~np.isin(np.arange(n), blind)[None, :, None]
 
 
-def _nearest_count(rate: float, n: int) -> int:
-    """``rate`` of n, rounded half up; as exact as rates written in decimals are."""
-    return math.floor(round(rate * n, 9) + 0.5)
+def _at_least_one(rate: float, n: int) -> int:
+    """``rate`` of n, rounded half up, and 0 of rate 0 only; as exact as rates in decimals are."""
+    return max(math.floor(round(rate * n, 9) + 0.5), int(rate > 0))
 
 
 def _check_outages(settings: MissingSettings, most: float) -> None:
