@@ -148,7 +148,7 @@ def test_no_suite_for_a_method_that_is_not_there(command, small_net):
     words = ["--method: max-queu is not allowed", "did you mean max-queue?"]
     check_refusal(command, *options, words=words)
     assert not (command.cwd / "sensors").exists()
-    for method in ("DiffLight", "max-queue, diffusion", "advanced-colight"):  # of suites and others
+    for method in ("DiffLight", "max-queue, diffusion", "advanced-colight", "actuated-recall"):
         options = ("net", "outages", small_net, "--out", method, "--method", method)
         assert command(*options).returncode == 0
     assert not (command.cwd / "sensors").exists()

@@ -138,6 +138,7 @@ def test_decisions_hold_truth_estimates_and_what_was_observed(command, small_net
         "rolling-horizon",
         "random",
         "actuated",
+        "actuated-recall",
         "delay_based",
     ],
 )
@@ -160,7 +161,6 @@ def test_every_pattern_and_imputer(command, small_net, pattern, imputer):
     assert result["fallbacks"] == 0
 
 
-def test_area_detectors_as_long_as_the_lane_measure_the_lane(command, small_net):
 def test_broken_sensors_are_silent_for_the_whole_run(command, small_net):
     options = ("--net", small_net, "--missing", "lane", "--lasting", "--horizon", 150)
     out = run_json(command, *options, "--rate", 0.9, "--controller", "rolling-horizon")
@@ -175,6 +175,7 @@ def test_broken_sensors_are_silent_for_the_whole_run(command, small_net):
     assert "warning" not in done.stdout
 
 
+def test_area_detectors_as_long_as_the_lane_measure_the_lane(command, small_net):
     options = ("--net", small_net, "--horizon", 300, "--controller", "max-queue")
     lane = run_json(command, *options, "--out", "lane")
     area = run_json(
@@ -241,9 +242,31 @@ def test_programs_of_sumo_say_that_nothing_is_missing_for_them(command, small_ne
     assert "warning" not in command("run", *words).stdout
 
 
-def test_actuated_signals_without_a_minimum_green(command, small_net):
-    words = ("--net", small_net, "--horizon", 300, "--controller", "actuated")
-    assert run_json(command, *words, "--min-green", 0)["result"]["finished"] > 0
+def test_actuated_signals_whose_detectors_fail(command, small_net):
+    words = ("--net", small_net, "--horizon", 450)
+    for name in ("actuated", "actuated-recall"):
+        run_json(command, *words, "--controller", name, "--out", name)
+    options = ("--controller", "actuated-recall", "--missing", "kriging", "--rate", 0.3)
+    done = command("run", *words, *options, "--blind", "fixed-time", "--out", "missing")
+    assert "actuated-recall, kriging missing at rate 0.3, seed 0" in done.stdout
+    (said,) = (line for line in done.stdout.splitlines() if "warning" in line)
+    unused = "--blind fixed-time, which did nothing"
+    assert said == f"warning: actuated-recall has no use for {unused}"
+    files = {path.name: path / "trips.parquet" for path in command.cwd.iterdir()}
+    trips = {name: path.read_bytes() for name, path in files.items()}
+    assert trips["actuated"] == trips["actuated-recall"] != trips["missing"]
+    result = json.loads((command.cwd / "missing" / "run.json").read_text())["result"]
+    assert result["missing_share"] == pytest.approx(2 / 6)
+    mask = np.load(command.cwd / "missing" / "mask.npz")["mask"]
+    rows = pq.read_table(command.cwd / "missing" / "decisions.parquet").to_pydict()
+    assert (np.array(rows["observed"]).reshape(mask.shape) == mask).all()
+
+
+@pytest.mark.parametrize("controller", ["actuated", "actuated-recall"])
+def test_actuated_signals_without_a_minimum_green(command, small_net, controller):
+    words = ("--net", small_net, "--horizon", 300, "--controller", controller)
+    missing = ("--missing", "lane", "--rate", 0.3)
+    assert run_json(command, *words, *missing, "--min-green", 0)["result"]["finished"] > 0
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,14 @@ from tests.controllers.helpers import context, cross_and_tee, observe
 from tests.networks import grid_network, tee_network
 from tsc_missing.config import DiffusionSettings, RunSettings
 from tsc_missing.controllers.blind import Blind
-from tsc_missing.controllers.catalogue import CONTROLLERS, LEARNED, NATIVE, needs_values
+from tsc_missing.controllers.catalogue import (
+    CONTROLLERS,
+    FULL_INFORMATION,
+    LEARNED,
+    NATIVE,
+    looks_at_nothing,
+    needs_values,
+)
 from tsc_missing.controllers.check import check_controller
 from tsc_missing.controllers.max_red import MaxRed
 from tsc_missing.controllers.registry import BLIND, make_controller
@@ -89,6 +96,7 @@ def test_what_the_default_settings_are_in_a_run():
         ({"controller": "max-queue", "imputer": "diffusion"}, "familiar"),
         ({"controller": "bc", "imputer": "diffusion"}, "familiar"),
         ({"controller": "difflight-paper", "imputer": "diffusion"}, "none"),
+        ({"controller": "actuated-recall"}, "none"),
     ],
     ids=str,
 )
@@ -111,6 +119,7 @@ def test_unknown_names(names, words):
 
 def test_native_programs_are_no_controllers():
     assert not set(NATIVE) & set(CONTROLLERS)
+    assert set(FULL_INFORMATION) == {name for name in NATIVE if looks_at_nothing(name)}
 
 
 def test_random_takes_every_phase_that_is_there_about_equally_often():

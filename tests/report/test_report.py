@@ -537,6 +537,14 @@ def test_long_names_fit_beside_lines():
     assert words.endswith("mine.py:LongestWait")
 
 
+def test_actuated_signals_whose_detectors_fail_are_ranked(results):
+    failing = {"controller": "actuated-recall"}
+    changed = with_settings(results, lambda s: failing if s.method == "delay_based" else {})
+    assert changed.references == ()
+    assert best_conventional(changed, "jinan_1", "random 50 %", "att_all") == "delay_based"
+    assert "delay\\_based°" not in make_report(changed, "att_all").markdown
+
+
 def test_own_imputers_are_no_base(results):
     def with_own(run):
         if run.spec.method != "max-queue":

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tsc_missing.config import RunSettings
+from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.evaluation.run import Options, execute, prepare
 from tsc_missing.network.folder import read_folder
 from tsc_missing.simulation.engine import Inputs, Simulation, SimulationError
@@ -52,9 +52,10 @@ def test_errors_are_sumos_own_words(inputs, tmp_path):
         simulation.advance(5)
 
 
-@pytest.mark.parametrize("controller", ["max-queue", "delay_based"])
+@pytest.mark.parametrize("controller", ["max-queue", "delay_based", "actuated-recall"])
 def test_over_traci_the_results_are_the_same(small_net, controller):
-    settings = RunSettings(net=str(small_net), horizon=300, controller=controller)
+    missing = MissingSettings(pattern="lane", rate=0.3)
+    settings = RunSettings(net=str(small_net), horizon=300, controller=controller, missing=missing)
     inside, outside = (
         execute(prepare(settings, Options(engine=engine))) for engine in ("libsumo", "traci")
     )

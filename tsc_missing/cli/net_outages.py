@@ -36,7 +36,7 @@ def outages(
     """Write a suite that takes the sensors away one after the other: which is missed most?"""
     from tsc_missing.batch.outage_suite import SUITE, write_outage_suite
     from tsc_missing.batch.suite import bundled_methods
-    from tsc_missing.controllers.catalogue import looks_at_nothing, require_controller
+    from tsc_missing.controllers.catalogue import NATIVE, looks_at_nothing, require_controller
     from tsc_missing.evaluation.scenario import find_scenario
 
     scenario = find_scenario(net, DEFAULT.demand)
@@ -44,7 +44,7 @@ def outages(
     for name in methods:
         if looks_at_nothing(name):
             raise UserError("--method", name, "it reads no sensor, so it has none to miss")
-        if name not in bundled_methods():
+        if name not in (*bundled_methods(), *NATIVE):
             try:
                 require_controller(name)
             except UserError as error:

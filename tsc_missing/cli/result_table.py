@@ -9,9 +9,11 @@ from rich.table import Table
 from tsc_missing.config import RunSettings
 from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
+    FULL_INFORMATION,
     NATIVE,
     by_value,
     is_learned,
+    looks_at_nothing,
     needs_values,
 )
 from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER
@@ -33,15 +35,15 @@ def print_result(prepared: Prepared, result: Result, folder: Path) -> None:
     for name, value, meaning in rows(result):
         table.add_row(name, value, meaning)
     console.print(table)
-    more = (_native, _unused, _other_interval, _other_sensors, _fallback, _observed_in_the_log)
+    more = (_sees_all, _unused, _other_interval, _other_sensors, _fallback, _observed_in_the_log)
     for warning in [*warnings(result), *chain(*(tell(prepared) for tell in more))]:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     console.print(f"\nwritten to {folder}", markup=False)
 
 
-def _native(prepared: Prepared) -> list[str]:
+def _sees_all(prepared: Prepared) -> list[str]:
     settings = prepared.settings
-    if settings.controller not in NATIVE or settings.missing.pattern == "none":
+    if settings.controller not in FULL_INFORMATION or settings.missing.pattern == "none":
         return []
     return [
         f"SUMO runs {settings.controller} itself, and it sees everything: nothing is missing for it"
@@ -53,9 +55,11 @@ def _unused(prepared: Prepared) -> list[str]:
     settings, usual = prepared.settings, RunSettings()
     name, found, default = settings.controller, settings.diffusion, usual.diffusion
     values, decides = needs_values(name), by_value(name, found)
+    composed = name not in NATIVE and not looks_at_nothing(name)
     generates = name in (DIFFLIGHT, DIFFLIGHT_PAPER) or (values and settings.imputer == DIFFUSION)
     given = (
         ("--imputer", settings.imputer, usual.imputer, values),
+        ("--blind", settings.blind, usual.blind, composed),
         ("--weights", found.weights, default.weights, generates),
         ("--sampling-steps", found.sampling_steps, default.sampling_steps, generates),
         ("--samples", found.samples, default.samples, decides),
@@ -114,7 +118,7 @@ def heading(prepared: Prepared) -> str:
 
 def _missing_in_words(prepared: Prepared) -> str:
     missing = prepared.settings.missing
-    if prepared.settings.controller in NATIVE:
+    if prepared.settings.controller in FULL_INFORMATION:
         return "everything observed"
     if missing.file:
         return f"missing as in {missing.file}"

@@ -17,9 +17,10 @@ from tsc_missing.controllers.rolling_horizon import NAME as ROLLING_HORIZON
 from tsc_missing.controllers.rolling_horizon import RollingHorizon
 from tsc_missing.errors import UserError, nearest
 from tsc_missing.own_code import is_own, own_class
-from tsc_missing.simulation.native import AS_BUILT, KINDS
+from tsc_missing.simulation.native import AS_BUILT, KINDS, RECALL
 
-NATIVE = (*KINDS, AS_BUILT)  # SUMO's own programs: names for comparisons, not controllers
+FULL_INFORMATION = (*KINDS, AS_BUILT)  # SUMO's own programs, for which nothing is ever missing,
+NATIVE = (RECALL, *FULL_INFORMATION)  # and all of them: names for comparisons, not controllers
 
 CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "advanced-max-pressure": AdvancedMaxPressure,
@@ -64,10 +65,12 @@ def needs_values(name: str) -> bool:
 
 
 def looks_at_nothing(name: str) -> bool:
-    """Whether no sensor of ours matters to it: a fixed plan, or a program that SUMO runs."""
+    """Whether no sensor of ours matters to it: a fixed plan, or a program of SUMO's."""
     if name == ROLLING_HORIZON:
         return False
-    return name in NATIVE or (name in CONTROLLERS and not CONTROLLERS[name]().needs_values)
+    return name in FULL_INFORMATION or (
+        name in CONTROLLERS and not CONTROLLERS[name]().needs_values
+    )
 
 
 def by_model(name: str, diffusion: DiffusionSettings) -> bool:

@@ -14,6 +14,7 @@ from tsc_missing.controllers.diffusion_weights import DIFFLIGHT_PAPER, diffusion
 from tsc_missing.imputation.registry import DIFFUSION
 from tsc_missing.network.folder import network_name
 from tsc_missing.own_code import is_own
+from tsc_missing.simulation.native import RECALL
 
 LOOKAHEAD = ("lookahead", "lookahead-second", "lookahead-first")  # for the scoring "value"
 
@@ -68,16 +69,17 @@ def blind_rule(name: str, imputer: str, diffusion: DiffusionSettings) -> str:
     """What the rule "auto" for blind intersections is.
 
     The fixed cycle; but for who plans on a traffic model only where no other signal is near, and
-    none for ``difflight-paper`` and for own controllers that fill holes themselves; with the
-    diffusion imputer it runs only at intersections of a kind that its packaged weights never saw
-    (``learned_kind``), and for ``difflight`` by values there and where two adjacent intersections
-    are blind, without a sensor or for long.
+    none for ``difflight-paper``, for own controllers that fill holes themselves and for
+    ``actuated-recall``, whose greens last to their maximum there; with the diffusion imputer it
+    runs only at intersections of a kind that its packaged weights never saw (``learned_kind``), and
+    for ``difflight`` by values there and where two adjacent intersections are blind, without a
+    sensor or for long.
     """
     if by_value(name, diffusion):
         return "clustered"
     if by_model(name, diffusion):
         return "alone"
-    if name == DIFFLIGHT_PAPER or (is_own(name) and not needs_values(name)):
+    if name in (DIFFLIGHT_PAPER, RECALL) or (is_own(name) and not needs_values(name)):
         return "none"
     return "familiar" if imputer == DIFFUSION and name != DIFFLIGHT else "fixed-time"
 

@@ -18,6 +18,7 @@ from tsc_missing.simulation.detectors import Detectors, write_area_detectors
 from tsc_missing.simulation.engine import EngineName, Inputs, Simulation
 from tsc_missing.simulation.outputs import OutputFiles
 from tsc_missing.simulation.programs import NativeProgram
+from tsc_missing.simulation.recall import MaximumRecall
 from tsc_missing.simulation.signals import Signals
 
 UNCOUNTED = 100.0  # [vehicles/h] of a lane that nobody counted
@@ -145,8 +146,8 @@ def run_closed_loop(
 ) -> Trace:
     """Run the whole horizon; SUMO's inputs and outputs go to ``folder``, which must exist.
 
-    A ``NativeProgram`` is a signal program that SUMO runs itself, with full information; the
-    loop then only looks on.
+    A ``NativeProgram`` is a signal program that SUMO runs itself; the loop then only looks on, and
+    tells the one that loses sensors which are silent.
     """
     began = time.perf_counter()
     inputs = _write_inputs(scene, settings, controller, folder)
@@ -159,7 +160,7 @@ def run_closed_loop(
         if isinstance(controller, Controller):
             _control(scene, settings, controller, simulation, detectors, trace, meter, explore)
         else:
-            _look_on(settings, controller, simulation, detectors, trace, meter)
+            _look_on(scene, settings, controller, simulation, detectors, trace, meter)
     trace.wall_seconds = time.perf_counter() - began
     return trace
 
@@ -232,6 +233,7 @@ def run_step(
 
 
 def _look_on(
+    scene: Scene,
     settings: RunSettings,
     program: NativeProgram,
     simulation: Simulation,
@@ -241,9 +243,12 @@ def _look_on(
 ) -> None:
     interval = settings.signals.decision_interval
     program.start(simulation.api)
+    recall = None if program.sees_all else MaximumRecall(scene.network, simulation.api)
     for step in range(len(trace.time)):
         now, end = step * interval, min((step + 1) * interval, settings.horizon)
         trace.time[step], trace.truth[step] = now, detectors.read().values
+        if recall is not None:
+            recall.update(scene.mask[step])
         simulation.advance(end)
         trace.phase[step] = program.phases(simulation.api)
         meter.update(end)

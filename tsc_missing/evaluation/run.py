@@ -59,12 +59,17 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     controller = _controller(settings, scenario)
     mask = mask_of(settings, scenario.folder.network)
     sensors = sensors_of(settings, scenario.folder.network, mask)
-    if isinstance(controller, NativeProgram):  # nothing is missing for SUMO
+    if _sees_all(controller):
         mask = np.ones_like(mask)
         sensors = np.ones_like(sensors)
     scene = replace(scenario.scene(settings, mask), sensors=sensors)
     found = checksums(settings, scenario)
     return Prepared(settings, options, scenario, scene, controller, resolved(settings), found)
+
+
+def _sees_all(controller: Controller | NativeProgram) -> bool:
+    """Whether nothing is ever missing for it: a program of SUMO's that reads its own detectors."""
+    return isinstance(controller, NativeProgram) and controller.sees_all
 
 
 def check_timing(signals: SignalSettings, network: Network) -> None:
@@ -142,7 +147,7 @@ def _write(
     native = isinstance(prepared.controller, NativeProgram)
     write_trips(folder, scene, measured.trips, horizon)
     write_movements(folder, scene, measure_movements(scene, trace, measured, horizon, native))
-    if not native:
+    if not _sees_all(prepared.controller):
         write_mask(folder, scene)
     if prepared.options.decisions:
         write_decisions(folder, scene, trace)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from tsc_missing.batch.folder import Plan, read_plan, run_folder
 from tsc_missing.batch.suite import RunSpec
 from tsc_missing.batch.table import FINISHED, Row, read_rows
-from tsc_missing.controllers.catalogue import NATIVE
+from tsc_missing.controllers.catalogue import FULL_INFORMATION
 from tsc_missing.controllers.resolved import code_of, uses_weights
 from tsc_missing.errors import UserError
 from tsc_missing.report.comparable import FIELD, check_comparable
@@ -31,7 +31,7 @@ class Run:
     @property
     def kind(self) -> Kind:
         """``reference``: run by SUMO itself, which sees everything, whatever is missing."""
-        if self.spec.settings.controller in NATIVE:
+        if self.spec.settings.controller in FULL_INFORMATION:
             return "reference"
         if code_of(self.spec.settings):
             return "own"

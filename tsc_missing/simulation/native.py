@@ -1,4 +1,4 @@
-"""SUMO's own actuated signals as programs over the same phases: references for comparison."""
+"""SUMO's own actuated signals as programs over the same phases, for comparison."""
 
 from xml.sax.saxutils import quoteattr
 
@@ -7,8 +7,10 @@ from tsc_missing.network.model import Network
 from tsc_missing.network.records import IntersectionRecord
 from tsc_missing.simulation.states import green_state, red_state, sumo_state, yellow_state
 
-KINDS = ("actuated", "delay_based")
+ACTUATED = "actuated"
+KINDS = (ACTUATED, "delay_based")
 AS_BUILT = "as-built"  # the programs that came with the network
+RECALL = "actuated-recall"  # "actuated", with detectors that fail (see ``recall``)
 PROGRAM_ID = "tsc-native"
 MAX_GREEN = 50  # [s], netconvert's default for programs that respond to traffic
 
