@@ -9,6 +9,7 @@ import numpy as np
 from tsc_missing.controllers.base import ControlContext
 from tsc_missing.controllers.recent import reported
 from tsc_missing.controllers.spillback import storage
+from tsc_missing.controllers.uncounted import UncountedTurns
 from tsc_missing.controllers.upstream import Roads
 from tsc_missing.network.model import BoolArray, FloatArray
 from tsc_missing.network.slots import N_SLOTS
@@ -57,7 +58,8 @@ class PointQueues:
     towards a guess if there is one, and kept to what the road has room for. When in the step they
     entered is told by the outflow upstream, and after a silence by what was predicted in it.
     The usual inflow begins with the turning counts, and follows what is observed or guessed.
-    Without turning counts a guess weighs more: ``UNCOUNTED_GAIN``.
+    Without turning counts a guess weighs more (``UNCOUNTED_GAIN``), and the usual inflow of slots
+    without a sensor is what the roads around tell (``UncountedTurns``).
     """
 
     def __init__(self, context: ControlContext, ahead: int, hold: int) -> None:
@@ -77,6 +79,7 @@ class PointQueues:
         self._flow = _saturation_flow(context)
         self._room = storage(self.network, context.spacing)
         self._roads = Roads.of(context)
+        self._turns = UncountedTurns.of(context, self._roads)
         self._lag = self._lags()
         shape = self.network.slot_mask.shape
         self._calendar = np.zeros((self.horizon + len(self._lag) + self.substeps, *shape))
@@ -105,11 +108,21 @@ class PointQueues:
             told = known & self._known  # one report after a silence tells of all of it
             if guess is not None:
                 told |= ~known
-            change = inflow / self._interval - self._inflow
-            self._inflow = self._inflow + np.where(told, MEMORY * change, 0.0)
+            self._learn(inflow / self._interval, told, guess is not None)
         self._settle(vehicles, np.where(known, observation.values[:, :, QUEUE], 0.0))
         self._green, self._known, self._began = green, known, True
         return Traffic(self._queue, self._calendar[: self.horizon].copy(), self._inflow)
+
+    def _learn(self, inflow: FloatArray, told: BoolArray, guessed: bool) -> None:
+        """Let the usual inflow follow that of a step (N, 12) [vehicles/s] where it was told.
+
+        Without turning counts, also by what is let go upstream, and by the roads around.
+        """
+        if self._turns is not None:
+            told = told | (self._turns.slots & self._roads.fed)
+        self._inflow = self._inflow + np.where(told, MEMORY * (inflow - self._inflow), 0.0)
+        if self._turns is not None:
+            self._inflow = self._turns.fitted(self._inflow, guessed)
 
     @property
     def values(self) -> FloatArray:
