@@ -1,16 +1,15 @@
 """``tsc-run``: one closed-loop run."""
 
 import contextlib
-import itertools
 import json
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from tsc_missing.cli.common import make_app, run_app_and_leave
+from tsc_missing.cli.default_folder import default_folder
 from tsc_missing.cli.options import (
     AdjacentOption,
     LastingOption,
@@ -30,7 +29,6 @@ from tsc_missing.config import (
 from tsc_missing.evaluation.metrics import Result
 from tsc_missing.evaluation.run import Options, Prepared, describe, execute, prepare
 from tsc_missing.files import check_writable
-from tsc_missing.own_code import class_name
 from tsc_missing.simulation.engine import EngineName
 
 app = make_app("Run one simulation in closed loop, with sensors missing, and account for it.")
@@ -227,7 +225,7 @@ def run(
         horizon=horizon,
     )
     engine: EngineName = "gui" if gui else "libsumo"
-    with _own_folder(settings) if out is None else contextlib.nullcontext(out) as folder:
+    with default_folder(settings) if out is None else contextlib.nullcontext(out) as folder:
         check_writable(folder, "out")
         prepared = prepare(settings, Options(folder, decisions, engine))
         result = _watched(prepared, quiet=as_json)
@@ -236,51 +234,6 @@ def run(
         sys.stdout.write("\n")
     else:
         _print_result(prepared, result, folder)
-
-
-@contextlib.contextmanager
-def _own_folder(settings: RunSettings) -> Iterator[Path]:
-    """An empty folder that no other run has or takes, named after this; it goes if it stays empty.
-
-    Raises ``UserError`` where none can be made.
-    """
-    runs, name = Path("runs"), _name(settings)
-    is_new = not runs.exists()
-    names = itertools.chain([name], (f"{name}-{k}" for k in itertools.count(2)))
-    folder = next(path for path in (runs / name for name in names) if _made(path))
-    try:
-        yield folder
-    except BaseException:
-        with contextlib.suppress(OSError):
-            folder.rmdir()
-            if is_new:
-                runs.rmdir()
-        raise
-
-
-def _made(folder: Path) -> bool:
-    """Make a folder; whether that was possible, or it is another run's."""
-    if folder.exists():
-        return False
-    check_writable(folder, "out")
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:  # another run was faster
-        return False
-    return True
-
-
-def _name(settings: RunSettings) -> str:
-    missing = settings.missing
-    drawn = [missing.pattern, *filter(None, [missing.variant])]
-    rate = [f"{missing.rate:g}"] if missing.pattern != "none" else []
-    what = [
-        Path(settings.net).name,
-        *([missing.file_words] if missing.file else [*drawn, *rate]),
-        class_name(settings.controller),
-        f"seed{settings.seed}",
-    ]
-    return "-".join(what)
 
 
 def _watched(prepared: Prepared, quiet: bool) -> Result:
