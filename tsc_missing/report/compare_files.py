@@ -1,13 +1,12 @@
 """A comparison of runs as a JSON object and as a table for spreadsheets."""
 
-import csv
-import io
 import os
 from pathlib import Path
 
 from tsc_missing.errors import UserError
 from tsc_missing.files import replace_file, written_into
 from tsc_missing.report.compare import Change, Comparison, FinishedRun, difference
+from tsc_missing.report.csv_text import csv_text
 
 
 def as_json(comparison: Comparison) -> dict[str, object]:
@@ -58,13 +57,9 @@ def write_csv(comparison: Comparison, path: Path, field: str) -> None:
 
     The file is whole or not there; an older one is replaced.
     """
-    text = io.StringIO()
-    rows = [_flat(change) for change in comparison.changes]
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    text = csv_text([_flat(change) for change in comparison.changes])
     with written_into(path, field):
-        replace_file(path, text.getvalue().encode())
+        replace_file(path, text.encode())
 
 
 def _flat(change: Change) -> dict[str, object]:
