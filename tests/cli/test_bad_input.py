@@ -21,6 +21,7 @@ from tsc_missing.files import check_writable
         (["--imputer", "sfn"], ["--imputer: sfn", "did you mean sfm?"]),
         (["--blind", "fixed"], ["--blind: fixed", "fixed-time"]),
         (["--missing", "krigin", "--rate", "0.1"], ["krigin", "did you mean kriging?"]),
+        (["--missing", "krigin"], ["--missing", "did you mean kriging?"]),
         (["--missing", "fil", "--rate", "0.1"], ["allowed: burst, kriging, lane, mixed, none,"]),
         (["--missing", "random", "--rate", "1.5"], ["--rate", "1.5", "less than or equal to 1"]),
         (["--missing", "random", "--rate", "-0.1"], ["--rate", "-0.1"]),

@@ -70,7 +70,7 @@ def test_slots_that_are_not_there_count_as_reported(tmp_path):
     n = int(np.flatnonzero(absent.any(axis=1))[0])
     slot = SLOTS[int(np.flatnonzero(absent[n])[0])]
     path = written(tmp_path, f"intersection,slot\n{tee.ids[n]},{slot}\n")
-    with pytest.raises(UserError, match=f"line 2: {tee.ids[n]} has no {slot}"):
+    with pytest.raises(UserError, match=f"line 2: {tee.ids[n]} has no {slot}; it has [NESW]-"):
         read_outages(path, tee, STEPS, INTERVAL)
 
 

@@ -1,11 +1,11 @@
 """From a command's options to settings, with errors that name the option."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 from pydantic import ValidationError
 
-from tsc_missing.config import RunSettings
+from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.errors import UserError, nearest
 
 NetArgument = Annotated[
@@ -97,6 +97,7 @@ def missing_rate(
         raise UserError("--missing", pattern, advice)
     if pattern == "none" and rate:
         raise UserError("--rate", rate, "it needs a pattern of missing data: --missing NAME")
-    if needed and pattern != "none" and rate is None:
+    known = get_args(MissingSettings.model_fields["pattern"].annotation)  # else it is told later
+    if needed and pattern in known and pattern != "none" and rate is None:
         raise UserError("--rate", "nothing", f"--missing {pattern} needs a rate from 0 to 1")
     return rate or 0.0

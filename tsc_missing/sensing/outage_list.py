@@ -63,7 +63,8 @@ def read_outages(path: Path, network: Network, steps: int, interval: float) -> B
             _wrong(path, line, f"no slot {outage.slot}; {known}")
         silent = slots & network.slot_mask[n]
         if not silent.any():
-            _wrong(path, line, f"{outage.intersection} has no {outage.slot}")
+            there = ", ".join(SLOTS[k] for k in np.flatnonzero(network.slot_mask[n]))
+            _wrong(path, line, f"{outage.intersection} has no {outage.slot}; it has {there}")
         common = network.slots_in_common[n]
         silent = np.isin(common, common[silent]) & network.slot_mask[n]
         during = (outage.begin <= time) & (time < outage.end)
