@@ -230,6 +230,7 @@ def test_results_of_other_versions_settings_and_inputs(command, small_net):
     path.write_text(json.dumps({**record, "versions": {**record["versions"], "source": "1.0"}}))
     refused(command, "batch", "small.toml", "--out", "b", words=["versions", "source was 1.0"])
     kept = command("batch", "small.toml", "--out", "b", "--any-version", "--list")
+    assert "1 run of other versions kept" in kept.stderr
     assert kept.stdout == "finished  small-random-0.5-max-queue-seed0\n"
     unknown = {**record["settings"], "signals": {"max_red": 240}}  # to a version without the others
     path.write_text(json.dumps({**record, "settings": unknown, "versions": {"libsumo": "1.0"}}))

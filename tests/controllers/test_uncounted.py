@@ -100,3 +100,32 @@ def test_counts_that_are_told_stay_as_they_are():
     roads = Roads.of(context)
     assert UncountedTurns.of(replace(context, counted=True), roads) is None
     assert UncountedTurns.of(context, roads) is not None
+
+
+def test_a_turn_that_no_sensor_sees_has_what_was_told():
+    """Else whoever goes straight on would be taken not to be there, and never be served."""
+    works = NETWORK.slot_mask.copy()
+    works[:, 1::3] = False
+    told = replace(CONTEXT, sensors=works, turning_flows=100.0 * NETWORK.lane_parts)
+    roads = Roads.of(told)
+    turns = UncountedTurns.of(told, roads)
+    inflow = told.turning_flows / 3600.0
+    outside = ~roads.fed & NETWORK.slot_mask & ~works
+    for _ in range(50):
+        inflow = turns.fitted(inflow, guessed=False)
+    assert inflow[outside] == pytest.approx(100.0 / 3600.0, rel=1e-3)
+
+
+def test_guesses_of_what_comes_from_outside_pull_little():
+    """Learned from in every step, as the traffic model does, they end near what is elsewhere."""
+    context = without([0])
+    roads = Roads.of(context)
+    turns = UncountedTurns.of(context, roads)
+    elsewhere, guess, memory = 0.03, 0.3, 0.05
+    inflow = np.where(context.sensors, elsewhere, guess) * NETWORK.slot_mask
+    outside = ~roads.fed & turns.slots
+    for _ in range(400):
+        learned = inflow + memory * (guess - inflow)
+        inflow = turns.fitted(np.where(outside, learned, inflow), guessed=True)
+    total = by_road(roads, inflow * outside)[np.unique(roads.road[outside])]
+    assert total == pytest.approx(3 * (elsewhere + 0.0476 * (guess - elsewhere)), rel=0.02)

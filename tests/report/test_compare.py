@@ -116,8 +116,9 @@ def test_other_demand_and_horizon_are_told(runs, small_net, tmp_path):
     assert "not the controllers' alone" in warning
 
 
-def test_a_seed_is_told_where_the_demand_is_drawn_with_it(runs, tmp_path):
-    for kind, told in (("recorded", []), ("profile", ["runs 1 and 2 differ in seed (0, 1)"])):
+def test_another_seed_is_told_as_vehicles_may_drive_by_it(runs, tmp_path):
+    told = ["runs 1 and 2 differ in seed (0, 1)"]
+    for kind in ("recorded", "profile"):
         folders = [shutil.copytree(runs[0], tmp_path / f"{kind}-{seed}") for seed in (0, 1)]
         for seed, folder in enumerate(folders):
             file = json.loads((folder / "run.json").read_text())
@@ -179,6 +180,8 @@ def test_where_a_csv_cannot_go(tmp_path):
         check_csv_path(tmp_path / "no" / "by.csv", "csv")
     with pytest.raises(UserError, match="it is a folder"):
         check_csv_path(tmp_path, "csv")
+    with pytest.raises(UserError, match=r"must end in \.csv"):
+        check_csv_path(tmp_path / "run.json", "csv")
 
 
 @pytest.mark.parametrize(

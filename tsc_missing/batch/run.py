@@ -32,8 +32,9 @@ from tsc_missing.batch.task import Task
 from tsc_missing.batch.worker import Care, Outcome
 from tsc_missing.controllers.resolved import uses_weights
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.run_folder import is_whole
+from tsc_missing.evaluation.run_folder import RUN, is_whole
 from tsc_missing.evaluation.scenario import Scenario
+from tsc_missing.files import read_json
 from tsc_missing.versions import versions
 
 
@@ -55,6 +56,13 @@ class Batch:
         """What is to be run, the longest first."""
         left = [run for run in self.suite.runs if run.name not in self.finished]
         return tuple(sorted(left, key=self._length, reverse=True))
+
+    @property
+    def of_other_versions(self) -> int:
+        """How many of the runs that are there, or are taken, other versions made."""
+        folders = [run_folder(self.out, name) for name in self.finished]
+        records = (read_json(path / RUN, FIELD) for path in (*folders, *self.reusable.values()))
+        return sum(record.get("versions") != versions() for record in records)
 
     def _length(self, run: RunSpec) -> tuple[bool, int, int]:
         network = self.scenarios[run.name].folder.network

@@ -18,6 +18,7 @@ from tsc_missing.cli.common import (
     messages,
     run_app,
 )
+from tsc_missing.words import counted
 
 if TYPE_CHECKING:
     from tsc_missing.batch.folder import Failure
@@ -83,6 +84,7 @@ def batch(
     folder = out if out is not None else Path("runs") / wanted.name
     prepared = prepare_batch(wanted, folder, skip_unavailable, any_version, reuse or ())
     _tell_lacking(prepared)
+    _tell_other_versions(prepared)
     if only_list:
         _list(prepared, as_json)
         return DONE
@@ -105,6 +107,13 @@ def _tell_lacking(prepared: "Batch") -> None:
 
     if prepared.lacking:
         messages().print(f"left out, no weights: {lacking_words(prepared.lacking)}", markup=False)
+
+
+def _tell_other_versions(prepared: "Batch") -> None:
+    others = prepared.of_other_versions if prepared.any_version else 0
+    if others:
+        words = "this version might come to something else"
+        messages().print(f"{counted(others, 'run')} of other versions kept: {words}")
 
 
 def _left(prepared: "Batch") -> list[str]:

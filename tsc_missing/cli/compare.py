@@ -3,12 +3,15 @@
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tsc_missing.cli.common import make_app, run_app
 from tsc_missing.errors import UserError
+
+if TYPE_CHECKING:
+    from tsc_missing.report.compare import Comparison
 
 EACH = ("intersection", "movement")
 HELP = "Show what became of the intersections of a run, or what differs between runs and where."
@@ -54,7 +57,7 @@ def compare(
         _check_picture(picture, runs)
     comparison = read(runs, "movement" if each == "movement" else "intersection")
     if picture is not None:
-        _draw(runs, picture)
+        _draw(comparison if each == EACH[0] else read(runs, "intersection"), picture)
     if csv is not None:
         write_csv(comparison, csv, "csv")
     if as_json:
@@ -75,12 +78,11 @@ def _check_picture(path: Path, runs: list[Path]) -> None:
         raise UserError("picture", path, words, verdict=f"cannot show {len(runs)} runs")
 
 
-def _draw(runs: list[Path], path: Path) -> None:
+def _draw(by_intersection: "Comparison", path: Path) -> None:
     from tsc_missing.network.picture import save_picture
-    from tsc_missing.report.compare import compare as read
     from tsc_missing.report.delay_map import delay_map
 
-    save_picture(delay_map(read(runs, "intersection"), "picture"), path, "picture")
+    save_picture(delay_map(by_intersection, "picture"), path, "picture")
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from tsc_missing.network.model import BoolArray, FloatArray
 from tsc_missing.network.slots import N_SLOTS, TURNS
 
 ROUNDS = 5  # of fitting; more change nothing that matters
-GUESSED = 0.5  # weight of guesses of what enters the network, against what is usual elsewhere
+PULL = 0.5  # by which guessed flows from outside go to what is usual elsewhere in a step
 TINY = 1e-3  # [vehicles/s] that keeps quotients of empty roads near 1
 LEAST = 1e-6  # [vehicles/s] of a slot, so that there are parts of every road
 
@@ -19,11 +19,12 @@ class UncountedTurns:
     """What the roads around tell of the flows of slots that have no sensor.
 
     Such a slot has at first, for each of its lanes, what lanes of the same turn have elsewhere in
-    the mean, or what was guessed of it. Two things are known better: how many enter its road, from
-    what is let go upstream; and how many came out to the roads with sensors downstream, from what
-    entered there. So the flows are fitted to exits and roads in turns (iterative proportional
-    fitting, Deming and Stephan, Annals of Mathematical Statistics 11, 1940; of turning flows
-    Furness's method).
+    the mean (what was told, where none of the turn has a sensor), or what was guessed of it. Two
+    things are known better: how many enter its road, from what is let go upstream; and how many
+    came out to the roads with sensors downstream, from what entered there (who begins there
+    included). So the flows are fitted to exits and roads in turns (iterative proportional fitting,
+    Deming and Stephan, Annals of Mathematical Statistics 11, 1940; of turning flows Furness's
+    method).
     """
 
     def __init__(self, context: ControlContext, roads: Roads) -> None:
@@ -33,6 +34,7 @@ class UncountedTurns:
         self.slots = network.slot_mask & ~context.sensors  # (N, 12) without a sensor
         self._seen = network.slot_mask & context.sensors
         self._lanes = network.lane_parts
+        self._uncounted = self._by_turn(context.turning_flows / 3600.0)
         whole = self._of_roads(self.slots) == 0
         exits = whole & (self._of_roads(roads.fed) > 0) & (roads.parts @ self.slots.ravel() > 0)
         self._exits = np.flatnonzero(exits)  # (E,) roads
@@ -54,7 +56,7 @@ class UncountedTurns:
         """
         elsewhere = self._elsewhere(inflow)
         prior = inflow + LEAST if guessed else elsewhere
-        alone = elsewhere + GUESSED * (inflow - elsewhere) if guessed else elsewhere
+        alone = inflow + PULL * (elsewhere - inflow) if guessed else elsewhere
         total = self._of_roads(np.where(self._roads.fed, inflow, alone) * self.slots)
         flows = self._split(prior, total)
         others = self._into @ np.where(self._seen, inflow, 0.0).ravel()
@@ -67,13 +69,14 @@ class UncountedTurns:
 
     def _elsewhere(self, inflow: FloatArray) -> FloatArray:
         """(N, 12) [vehicles/s]: for the slots' lanes what those of a turn have where it is seen."""
-        by_turn = (-1, N_SLOTS // len(TURNS), len(TURNS))
-        seen = self._seen.reshape(by_turn)
-        flow = (inflow.reshape(by_turn) * seen).sum(axis=(0, 1))
-        lanes = self._lanes.reshape(by_turn)
-        count = (lanes * seen).sum(axis=(0, 1))
-        rate = np.divide(flow, count, out=np.zeros_like(flow), where=count > 0)
-        return np.asarray((lanes * (rate + LEAST)).reshape(inflow.shape))
+        flow, lanes = self._by_turn(inflow * self._seen), self._by_turn(self._lanes * self._seen)
+        told = self._uncounted / np.maximum(self._by_turn(self._lanes), LEAST)
+        rate = np.divide(flow, lanes, out=told, where=lanes > 0)
+        return np.asarray(self._lanes * (np.tile(rate, N_SLOTS // len(TURNS)) + LEAST))
+
+    def _by_turn(self, values: FloatArray) -> FloatArray:
+        """(3,): the sum of ``values`` (N, 12) over all slots of a turn."""
+        return np.asarray(values.reshape(-1, len(TURNS)).sum(axis=0))
 
     def _split(self, flows: FloatArray, total: FloatArray) -> FloatArray:
         """(N, 12): the ``total`` (R + 1,) of roads on slots without a sensor, in parts of flows."""

@@ -86,10 +86,17 @@ def _of_slots(
 
 
 def _of_trips(network: Network, first: IntArray, values: FloatArray | BoolArray) -> FloatArray:
-    """(N, 12): the sum over trips (M,) of values, for the flat slots (M,) that they count for."""
+    """(N, 12): the sum over trips (M,) of values, for the flat slots (M,) that they count for.
+
+    As a lane that slots share counts for each in equal parts, so do those who will come on it.
+    """
     some = first >= 0
     sums = np.bincount(first[some], values[some], minlength=network.n * N_SLOTS)
-    return np.asarray(sums.reshape(network.n, N_SLOTS).astype(float))
+    lanes, flat, _ = network.lane_slots
+    per_lane = (sums / np.maximum(network.slot_lane_count.ravel(), 1))[flat]
+    on_lane = np.zeros(len(network.entrance_lanes))
+    np.add.at(on_lane, lanes, per_lane)
+    return _of_slots(network, network.lane_slots, on_lane)
 
 
 def _longest_waits(network: Network, trace: Trace, lasted: FloatArray) -> FloatArray:

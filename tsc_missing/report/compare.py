@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
 
 from tsc_missing.batch.keys import dotted, leaves
 from tsc_missing.errors import UserError
@@ -16,7 +16,7 @@ from tsc_missing.network.folder import NET
 from tsc_missing.report.places import Each, Place, read_places
 
 FIELD = "run"
-DRAWN = "profile"  # the demand that goes by the run's seed
+DRAWN = "profile"  # the demand that is scaled
 DIGITS = 12  # of a checksum as it is told
 
 
@@ -40,7 +40,7 @@ class RunFile(BaseModel):
     begin: float = 0.0
     checksums: dict[str, str] = {}
     versions: dict[str, str] = {}
-    result: dict[str, Any]
+    result: dict[str, bool | FiniteFloat | None]
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,13 @@ class FinishedRun:
     @cached_property
     def world(self) -> dict[str, object]:
         """What is not the controller's: who drives where and when, and for how long it is seen."""
-        drawn = ("seed", "volume") if self.file.demand == DRAWN else ()
-        names = ("horizon", *drawn, *(key for key in self.settings if key.startswith("vehicle.")))
+        drawn = ("volume",) if self.file.demand == DRAWN else ()  # the seed is SUMO's, too
+        names = (
+            "horizon",
+            "seed",
+            *drawn,
+            *(key for key in self.settings if key.startswith("vehicle.")),
+        )
         checksums = self.file.checksums
         demand = next((it for key, it in checksums.items() if key.startswith("demand: ")), None)
         return {
@@ -77,6 +82,7 @@ class FinishedRun:
             "the demand's file": None if demand is None else demand[:DIGITS],
             "the network's file": checksums.get(NET, "")[:DIGITS] or None,
             "begin": self.file.begin,
+            "libsumo": self.file.versions.get("libsumo"),
             **{name: self.settings.get(name) for name in names},
         }
 

@@ -8,6 +8,8 @@ from tsc_missing.files import replace_file, written_into
 from tsc_missing.report.compare import Change, Comparison, FinishedRun, difference
 from tsc_missing.report.csv_text import csv_text
 
+CSV = ".csv"
+
 
 def as_json(comparison: Comparison) -> dict[str, object]:
     """All of it, with all places."""
@@ -46,6 +48,8 @@ def check_csv_path(path: Path, field: str) -> None:
     folder = path.absolute().parent
     if path.is_dir():
         raise UserError(field, path, "it is a folder; give the name of a file")
+    if path.suffix != CSV:  # a slip must not cost a file of a run
+        raise UserError(field, path, f"its name must end in {CSV}")
     if not folder.is_dir():
         raise UserError(field, path, f"there is no folder {folder}")
     if not os.access(folder, os.W_OK | os.X_OK):

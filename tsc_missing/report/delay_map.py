@@ -143,5 +143,6 @@ def _legend(shown: Shown) -> list[tuple[Any, str]]:
         which = " in a run" if shown.colours == CHANGES else ""
         entries.append(((square, cross), f"never observed{which} ({shown.blind.sum()})"))
     if np.isnan(shown.values).any():
-        entries.append((Line2D([], [], marker="o", mfc=WHITE, **dot), "where nobody came"))
+        words = f"where nobody came{' in a run' if shown.colours == CHANGES else ''}"
+        entries.append((Line2D([], [], marker="o", mfc=WHITE, **dot), words))
     return entries

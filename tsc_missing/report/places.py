@@ -93,6 +93,10 @@ def _read_rows(path: Path, field: str) -> list[Row]:
         reason = str(error).partition("\n")[0]
         words = f"its {path.name} cannot be read, so run it again ({reason})"
         raise UserError(field, path.parent, words) from error
+    holed = [name for name in NEEDED[:-1] if any(row[name] is None for row in rows)]
+    if not rows or holed:
+        words = f"no {holed[0]} in a row" if holed else "no row"
+        raise UserError(field, path.parent, f"its {path.name} has {words}, so run it again")
     return rows
 
 
