@@ -159,7 +159,7 @@ def test_changes_replace_what_the_file_says(tmp_path):
 def test_a_change_in_a_list_of_tables_is_refused():
     with pytest.raises(UserError, match=r"--set: missing.adjacent .*list of tables in runs 1: set"):
         read_suite("headline", ["missing.adjacent=false"])
-    assert len(read_suite("headline", ["missing=[{pattern='none'}]"]).runs) == 90
+    assert len(read_suite("headline", ["missing=[{pattern='none'}]"]).runs) == 78
 
 
 def test_strict_methods_have_the_weights_of_their_network_and_pattern():
