@@ -4,6 +4,7 @@ import json
 from xml.etree import ElementTree
 
 import pytest
+import sumolib
 
 from tests.cityflow_files import grid_roadnet, write
 from tests.cli.test_bad_input import refused
@@ -122,6 +123,15 @@ def test_one_intersection_that_differs(command):
     for kind in ids:
         assert f"\nphases of {counted(len(kind), 'intersection')}: {', '.join(kind)}\n" in shown
     assert "other phases" not in shown
+    shown = command("net", "show", "tee", "--lanes").stdout
+    movements = show_json(command, "tee")["network"]["movements"]
+    net = sumolib.net.readNet(str(command.cwd / "tee" / "net.net.xml"))
+    for one in movements:
+        words = f"\n{one['intersection']}  {one['movement']}  {' '.join(one['lanes'])}\n"
+        assert words in shown
+        ends = {net.getLane(lane).getEdge().getToNode().getID() for lane in one["lanes"]}
+        assert ends == {one["intersection"]}
+    assert len(movements) < 36  # two roads are gone
 
 
 def test_an_older_picture_is_replaced(command, small_net):

@@ -61,6 +61,9 @@ def show(
     phases: Annotated[
         bool, typer.Option("--phases", help="Print the phases of every intersection.")
     ] = False,
+    lanes: Annotated[
+        bool, typer.Option("--lanes", help="Print the lanes of every movement's sensor.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object and nothing else.")
     ] = False,
@@ -97,7 +100,7 @@ def show(
         labels,
     )
     save_picture(figure, target, "--out")
-    _print(overview, target, as_json, phases)
+    _print(overview, target, as_json, phases, lanes)
 
 
 def _rate(pattern: str, rate: float | None, mask: Path | None, run: Path | None) -> float:
@@ -127,7 +130,7 @@ def caption(overview: "Overview") -> str:
     )
 
 
-def _print(overview: "Overview", picture: Path, as_json: bool, phases: bool) -> None:
+def _print(overview: "Overview", picture: Path, as_json: bool, phases: bool, lanes: bool) -> None:
     if as_json:
         import json
 
@@ -136,4 +139,4 @@ def _print(overview: "Overview", picture: Path, as_json: bool, phases: bool) -> 
         return
     from tsc_missing.cli.net_table import print_summary
 
-    print_summary(overview.summary, picture, phases)
+    print_summary(overview.summary, picture, phases, lanes)

@@ -11,10 +11,13 @@ from tsc_missing.network.summary import SensorSummary, SignalSummary
 from tsc_missing.words import counted
 
 
-def print_summary(summary: Summary, picture: Path, all_phases: bool = False) -> None:
+def print_summary(
+    summary: Summary, picture: Path, all_phases: bool = False, lanes: bool = False
+) -> None:
     """Print a network in numbers, its phases, and where its picture is, to standard output.
 
     ``all_phases``: those of every kind of intersection, with the ids, not of the commonest only.
+    ``lanes``: those of every movement, too.
     """
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{summary.name} ({summary.kind})\n", markup=False)
@@ -30,6 +33,11 @@ def print_summary(summary: Summary, picture: Path, all_phases: bool = False) -> 
         kinds = counted(len(signals) - 1, "kind")
         unlike = f"{counted(others, 'intersection')} {'has' if others == 1 else 'have'}"
         console.print(f"{unlike} other phases ({kinds}; --phases lists them)", markup=False)
+    if lanes:
+        console.print("\nlanes that the sensor of each movement covers", markup=False)
+        for each in summary.network.movements:
+            words = f"{each.intersection}  {each.movement}  {' '.join(each.lanes)}"
+            console.print(words, markup=False)
     console.print(f"\nwritten to {picture}", markup=False)
 
 

@@ -1,7 +1,7 @@
 """A network in numbers, for people and for JSON."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -34,6 +34,14 @@ class SignalSummary(Part):
     always_green: tuple[str, ...]
 
 
+class MovementSummary(Part):
+    """A movement and the lanes that its sensor covers, those at the stop line first."""
+
+    intersection: str
+    movement: str
+    lanes: tuple[str, ...]  # SUMO's ids
+
+
 class NetworkSummary(Part):
     """A network in numbers; ``signals`` has the most common kind of intersection first."""
 
@@ -46,6 +54,7 @@ class NetworkSummary(Part):
     road_length: float  # [m], the sum over roads
     lane_length: float  # [m], the sum over lanes
     signals: tuple[SignalSummary, ...]
+    movements: tuple[MovementSummary, ...]
 
 
 class SensorSummary(Part):
@@ -73,7 +82,19 @@ def summarise_network(network: Network, roads: Sequence[Road]) -> NetworkSummary
         road_length=round(sum(max(lanes[lane].length for lane in road.lanes) for road in roads), 1),
         lane_length=round(sum(lane.length for lane in lanes.values()), 1),
         signals=_signals(network),
+        movements=tuple(_movements(network)),
     )
+
+
+def _movements(network: Network) -> Iterator[MovementSummary]:
+    for n, slot in np.argwhere(network.slot_mask):
+        lanes = network.slot_lanes[n][slot]
+        upstream = [part.lane for lane in lanes for part in network.reach.get(lane, ())]
+        yield MovementSummary(
+            intersection=network.ids[n],
+            movement=slot_name(int(slot)),
+            lanes=tuple(dict.fromkeys([*lanes, *upstream])),
+        )
 
 
 def _signals(network: Network) -> tuple[SignalSummary, ...]:
