@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tsc_missing.cli.common import make_app, run_app
-from tsc_missing.errors import UserError
+from tsc_missing.errors import UserError, nearest
 
 if TYPE_CHECKING:
     from tsc_missing.report.compare import Comparison
@@ -50,7 +50,7 @@ def compare(
     if rows < 0:
         raise UserError("rows", rows, "it must be 0 (all) or more")
     if each not in EACH:
-        raise UserError("each", each, f"allowed: {', '.join(EACH)}")
+        raise UserError("each", each, nearest(each, EACH))
     if csv is not None:
         check_csv_path(csv, "csv")
     if picture is not None:

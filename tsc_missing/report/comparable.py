@@ -61,7 +61,7 @@ def _world(run: "Run") -> Facts:
     settings = run.spec.settings
     return {
         "demand": run.row["demand_kind"],
-        "the network's file": _short(_checksums(run).get(NET)),
+        "the network's file": short_digest(_checksums(run).get(NET)),
         "the demand's file": next(iter(_digests(run, "demand: ").values()), None),
         "volume": settings.volume,
         "horizon": settings.horizon,
@@ -98,9 +98,11 @@ def _checksums(run: "Run") -> dict[str, str]:
 
 
 def _digests(run: "Run", *kinds: str) -> Facts:
-    return {name: _short(it) for name, it in _checksums(run).items() if name.startswith(kinds)}
+    return {
+        name: short_digest(it) for name, it in _checksums(run).items() if name.startswith(kinds)
+    }
 
 
-def _short(digest: str | None) -> str | None:
+def short_digest(digest: str | None) -> str | None:
     """A checksum as it is told."""
     return None if digest is None else digest[:12]

@@ -13,11 +13,11 @@ from tsc_missing.errors import UserError
 from tsc_missing.evaluation.run_folder import RUN, is_whole
 from tsc_missing.files import parse, read_json
 from tsc_missing.network.folder import NET
+from tsc_missing.report.comparable import short_digest
 from tsc_missing.report.places import Each, Place, read_places
 
 FIELD = "run"
 DRAWN = "profile"  # the demand that is scaled
-DIGITS = 12  # of a checksum as it is told
 
 
 class Settings(BaseModel):
@@ -60,7 +60,7 @@ class FinishedRun:
     def facts(self) -> dict[str, object]:
         """All that a run depends on, by names that say where in ``run.json`` it stands."""
         file = self.file
-        digests = {name: digest[:DIGITS] for name, digest in file.checksums.items()}
+        digests = {name: short_digest(digest) for name, digest in file.checksums.items()}
         groups = {"resolved": file.resolved, "checksums": digests, "versions": file.versions}
         more = {f"{at}.{name}": it for at, table in groups.items() for name, it in table.items()}
         return {**self.settings, "demand_kind": file.demand, "begin": file.begin, **more}
@@ -79,8 +79,8 @@ class FinishedRun:
         demand = next((it for key, it in checksums.items() if key.startswith("demand: ")), None)
         return {
             "the demand": self.file.demand,
-            "the demand's file": None if demand is None else demand[:DIGITS],
-            "the network's file": checksums.get(NET, "")[:DIGITS] or None,
+            "the demand's file": short_digest(demand),
+            "the network's file": short_digest(checksums.get(NET)),
             "begin": self.file.begin,
             "libsumo": self.file.versions.get("libsumo"),
             **{name: self.settings.get(name) for name in names},
