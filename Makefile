@@ -31,11 +31,11 @@ $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.all: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(PIP) --editable '.[dev,sumo,cluster]'
+	$(PIP) --editable '.[dev,sumo,cluster,gym]'
 	@touch $@ $(VENV)/.core
 
 $(VENV)/.bench: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(PIP) --editable '.[dev,sumo,cluster,bench]'
+	$(PIP) --editable '.[dev,sumo,cluster,gym,bench]'
 	@touch $@ $(VENV)/.all $(VENV)/.core
 
 clean:

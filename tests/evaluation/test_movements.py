@@ -18,10 +18,11 @@ from tests.cityflow_files import flow, grid_flows, grid_roadnet, road, write
 from tsc_missing.config import MissingSettings, RunSettings
 from tsc_missing.demand.generate import DemandSpec
 from tsc_missing.demand.trips import slots_of_turns
-from tsc_missing.evaluation.closed_loop import Scene, Trace, run_closed_loop
+from tsc_missing.evaluation.closed_loop import run_closed_loop
 from tsc_missing.evaluation.metrics import Measured, read_outputs
 from tsc_missing.evaluation.movements import Movements, longest_waits, measure_movements
 from tsc_missing.evaluation.run import Options, execute, prepare
+from tsc_missing.evaluation.steps import Scene, Trace
 from tsc_missing.network.importing import import_cityflow
 from tsc_missing.network.importing_sumo import SumoImport, import_sumo
 from tsc_missing.network.netconvert import sumo_tool

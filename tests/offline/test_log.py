@@ -5,7 +5,7 @@ import pytest
 from tests.networks import grid_network, tee_network
 from tests.offline.cases import made_up_log
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Trace
+from tsc_missing.evaluation.steps import Trace
 from tsc_missing.offline.log import log_of, read_log, red_steps_of, write_log
 from tsc_missing.sensing.observation import N_FEATURES
 

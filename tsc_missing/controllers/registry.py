@@ -79,8 +79,6 @@ def make_controller(
     diffusion = diffusion or DiffusionSettings()
     if blind == "auto":
         blind = blind_rule(name, imputer, diffusion)
-    if blind not in BLIND:
-        raise UserError("blind", blind, nearest(blind, BLIND))
     require_imputer(imputer)
     decides = _deciding(name, diffusion, q_weights, net)
     if needs_values(name):
@@ -90,6 +88,16 @@ def make_controller(
         raise UserError("imputer", imputer, words)
     elif looks_at_nothing(name):
         return decides if isinstance(decides, Cycle) else bounded(decides, max_red)
+    return ruled(decides, blind, min_space, max_red)
+
+
+def ruled(decides: Controller, blind: str, min_space: int, max_red: int) -> Controller:
+    """A controller with space kept free, its reds bounded, and a rule where nobody sees.
+
+    Raises ``UserError`` for a ``blind`` that is unknown, as "auto" is here.
+    """
+    if blind not in BLIND:
+        raise UserError("blind", blind, nearest(blind, BLIND))
     return BLIND[blind](bounded(roomy(decides, min_space), max_red), max_red)
 
 

@@ -11,9 +11,10 @@ from tsc_missing.config import RunSettings
 from tsc_missing.controllers.base import ControlContext, Controller
 from tsc_missing.demand.driving import driving_of
 from tsc_missing.demand.trips import Demand, turning_flows, write_routes
-from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
+from tsc_missing.evaluation.steps import Scene, Stepper, Trace
+from tsc_missing.network.model import FloatArray, Network
 from tsc_missing.seeding import stream
-from tsc_missing.sensing.observation import N_FEATURES, Measurement, apply_mask
+from tsc_missing.sensing.observation import Measurement
 from tsc_missing.simulation.detectors import Detectors, write_area_detectors
 from tsc_missing.simulation.engine import EngineName, Inputs, Simulation
 from tsc_missing.simulation.outputs import OutputFiles
@@ -22,54 +23,6 @@ from tsc_missing.simulation.recall import MaximumRecall
 from tsc_missing.simulation.signals import Signals
 
 UNCOUNTED = 100.0  # [vehicles/h] of a lane that nobody counted
-
-
-@dataclass(frozen=True)
-class Scene:
-    """All that a run needs besides its settings."""
-
-    network: Network
-    net_file: Path
-    demand: Demand
-    mask: BoolArray  # (T, N, 12)
-    begin: float = 0.0  # [s] on SUMO's clock; all other times count from it
-    additional: Path | None = None  # signal programs beside those of the net
-    sensors: BoolArray | None = None  # (N, 12) the inventory; None: those that ever report
-
-
-@dataclass
-class Trace:
-    """What happened at each of T decision steps; rows are filled as the run goes."""
-
-    time: FloatArray  # (T,) [s]
-    phase: IntArray  # (T, N) that ran in the step; -1 where SUMO's own program is between two
-    truth: FloatArray  # (T, N, 12, F)
-    estimate: FloatArray  # (T, N, 12, F); NaN where the controller filled nothing
-    mask: BoolArray  # (T, N, 12)
-    decision_seconds: FloatArray  # (T,)
-    planned: FloatArray | None = None  # (T, N, H, 12, F) of the next H steps; NaN without a plan
-    held: int = 0
-    wall_seconds: float = 0.0
-
-    @classmethod
-    def empty(cls, mask: BoolArray) -> "Trace":
-        """A trace of T steps with nothing in it."""
-        steps, n, slots = mask.shape
-        shape = (steps, n, slots, N_FEATURES)
-        return cls(
-            time=np.full(steps, np.nan),
-            phase=np.full((steps, n), -1, dtype=np.int64),
-            truth=np.zeros(shape),
-            estimate=np.full(shape, np.nan),
-            mask=mask,
-            decision_seconds=np.full(steps, np.nan),
-        )
-
-    def keep_plan(self, step: int, plan: FloatArray) -> None:
-        """Take in what the controller expects (N, H, 12, F) of the steps after ``step``."""
-        if self.planned is None:
-            self.planned = np.full((len(self.time), *plan.shape), np.nan, dtype=np.float32)
-        self.planned[step] = plan
 
 
 @dataclass(frozen=True)
@@ -150,19 +103,30 @@ def run_closed_loop(
     tells the one that loses sensors which are silent.
     """
     began = time.perf_counter()
-    inputs = _write_inputs(scene, settings, controller, folder)
     trace = Trace.empty(scene.mask)
     if isinstance(controller, Controller):
         controller.reset(control_context(scene, settings))
-    with Simulation(inputs, OutputFiles(folder).options(), engine, settings.seed) as simulation:
-        detectors = Detectors(scene.network, settings.sensor, simulation.api)
+    with simulating(scene, settings, controller, folder, engine) as simulation:
         meter = _Meter(scene.demand, watch, simulation)
         if isinstance(controller, Controller):
-            _control(scene, settings, controller, simulation, detectors, trace, meter, explore)
+            stepper = Stepper(scene, settings, simulation, trace)
+            _control(stepper, controller, trace, meter, explore)
         else:
-            _look_on(scene, settings, controller, simulation, detectors, trace, meter)
+            _look_on(scene, settings, controller, simulation, trace, meter)
     trace.wall_seconds = time.perf_counter() - began
     return trace
+
+
+def simulating(
+    scene: Scene,
+    settings: RunSettings,
+    controller: Controller | NativeProgram,
+    folder: Path,
+    engine: EngineName = "libsumo",
+) -> Simulation:
+    """The simulation of a run, not begun yet (a context manager); its inputs are in ``folder``."""
+    inputs = _write_inputs(scene, settings, controller, folder)
+    return Simulation(inputs, OutputFiles(folder).options(), engine, settings.seed)
 
 
 def _write_inputs(
@@ -183,53 +147,23 @@ def _write_inputs(
 
 
 def _control(
-    scene: Scene,
-    settings: RunSettings,
+    stepper: Stepper,
     controller: Controller,
-    simulation: Simulation,
-    detectors: Detectors,
     trace: Trace,
     meter: "_Meter",
     explore: Explore | None,
 ) -> None:
-    send = simulation.api.trafficlight.setRedYellowGreenState
-    timing = settings.signals
-    signals = Signals(scene.network, timing, send)
-    for step in range(len(scene.mask)):
-        now = step * timing.decision_interval
-        end = min(now + timing.decision_interval, settings.horizon)
-        truth = detectors.read()
+    while not stepper.over:
+        step, truth = stepper.step, stepper.measure()
         if explore is not None:
-            explore(Moment(step, truth, simulation, signals, detectors))
-        observation = apply_mask(
-            truth, scene.mask[step], step, now, signals.phase, signals.red_steps
-        )
+            explore(Moment(step, truth, stepper.simulation, stepper.signals, stepper.detectors))
+        observation = stepper.observe(truth)
         asked = time.perf_counter()
         phases = controller.decide(observation)
         trace.decision_seconds[step] = time.perf_counter() - asked
-        run_step(simulation, signals, phases, now, end)
-        trace.time[step], trace.truth[step], trace.phase[step] = now, truth.values, signals.phase
-        estimates = controller.estimates()
-        if estimates is not None:
-            trace.estimate[step] = estimates
-        plans = controller.plans()
-        if plans is not None:
-            trace.keep_plan(step, plans)
-        meter.update(end)
-    trace.held = signals.held
-
-
-def run_step(
-    simulation: Simulation, signals: Signals, phases: IntArray, now: float, end: float
-) -> None:
-    """Simulate from ``now`` to ``end`` [s] with the signals on their way to ``phases`` (N,)."""
-    signals.command(phases, now)
-    for moment in signals.moments:
-        if moment < end:
-            simulation.advance(moment)
-            signals.clear(moment)
-            signals.release(moment)
-    simulation.advance(end)
+        stepper.run(phases)
+        trace.keep_beliefs(step, controller)
+        meter.update(stepper.now)
 
 
 def _look_on(
@@ -237,11 +171,11 @@ def _look_on(
     settings: RunSettings,
     program: NativeProgram,
     simulation: Simulation,
-    detectors: Detectors,
     trace: Trace,
     meter: "_Meter",
 ) -> None:
     interval = settings.signals.decision_interval
+    detectors = Detectors(scene.network, settings.sensor, simulation.api)
     program.start(simulation.api)
     recall = None if program.sees_all else MaximumRecall(scene.network, simulation.api)
     for step in range(len(trace.time)):

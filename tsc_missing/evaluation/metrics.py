@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from tsc_missing.evaluation.closed_loop import Scene, Trace
+from tsc_missing.evaluation.steps import Scene, Trace
 from tsc_missing.network.model import FloatArray
 from tsc_missing.sensing.masks import missing_share
 from tsc_missing.sensing.observation import QUEUE, VEHICLES

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from tsc_missing.demand.trips import first_slots
-from tsc_missing.evaluation.closed_loop import Scene, Trace
 from tsc_missing.evaluation.metrics import Measured
+from tsc_missing.evaluation.steps import Scene, Trace
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
 from tsc_missing.sensing.observation import QUEUE

@@ -13,9 +13,10 @@ from tsc_missing.controllers.fallback import Safe
 from tsc_missing.controllers.registry import controller_of
 from tsc_missing.controllers.resolved import code_of, resolved, weights_of
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Scene, Trace, Watch, run_closed_loop
+from tsc_missing.evaluation.closed_loop import Watch, run_closed_loop
 from tsc_missing.evaluation.metrics import Measured, Result, read_outputs, summarise
 from tsc_missing.evaluation.scenario import Scenario, find_scenario
+from tsc_missing.evaluation.steps import Scene, Trace
 from tsc_missing.files import sha256, whole_folder
 from tsc_missing.network.model import Network
 from tsc_missing.own_code import own_digest
@@ -57,14 +58,19 @@ def prepare(settings: RunSettings, options: Options) -> Prepared:
     scenario = find_scenario(settings.net, settings.demand)
     check_timing(settings.signals, scenario.folder.network)
     controller = _controller(settings, scenario)
-    mask = mask_of(settings, scenario.folder.network)
-    sensors = sensors_of(settings, scenario.folder.network, mask)
-    if _sees_all(controller):
-        mask = np.ones_like(mask)
-        sensors = np.ones_like(sensors)
-    scene = replace(scenario.scene(settings, mask), sensors=sensors)
+    scene = scene_of(settings, scenario, _sees_all(controller))
     found = checksums(settings, scenario)
     return Prepared(settings, options, scenario, scene, controller, resolved(settings), found)
+
+
+def scene_of(settings: RunSettings, scenario: Scenario, sees_all: bool = False) -> Scene:
+    """The demand and the mask of a run, in which nothing is missing for who ``sees_all``."""
+    network = scenario.folder.network
+    mask = mask_of(settings, network)
+    sensors = sensors_of(settings, network, mask)
+    if sees_all:
+        mask, sensors = np.ones_like(mask), np.ones_like(sensors)
+    return replace(scenario.scene(settings, mask), sensors=sensors)
 
 
 def _sees_all(controller: Controller | NativeProgram) -> bool:

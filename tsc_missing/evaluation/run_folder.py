@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from tsc_missing.evaluation import columns
-from tsc_missing.evaluation.closed_loop import Scene, Trace
 from tsc_missing.evaluation.movements import Movements
+from tsc_missing.evaluation.steps import Scene, Trace
 from tsc_missing.network.model import FloatArray
 from tsc_missing.network.slots import N_SLOTS, slot_name
 from tsc_missing.sensing.masks import save_mask

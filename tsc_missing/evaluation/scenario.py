@@ -10,7 +10,7 @@ from tsc_missing.demand.profile import draw_demand, read_profile, record_turns
 from tsc_missing.demand.sumo import read_routes
 from tsc_missing.demand.trips import Demand
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Scene
+from tsc_missing.evaluation.steps import Scene
 from tsc_missing.files import sha256
 from tsc_missing.network.folder import (
     MANIFEST,

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from tsc_missing.controllers.spillback import Room
-from tsc_missing.evaluation.closed_loop import Moment, run_step
+from tsc_missing.evaluation.closed_loop import Moment
+from tsc_missing.evaluation.steps import run_step
 from tsc_missing.lookahead.config import LookaheadSettings
 from tsc_missing.network.model import BoolArray, FloatArray, IntArray, Network
 from tsc_missing.qlearning.controller import PhaseValues

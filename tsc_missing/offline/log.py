@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsc_missing.errors import UserError
-from tsc_missing.evaluation.closed_loop import Trace
+from tsc_missing.evaluation.steps import Trace
 from tsc_missing.files import replace_file
 from tsc_missing.network.model import BoolArray, IntArray, Network
 from tsc_missing.network.slots import N_SLOTS
