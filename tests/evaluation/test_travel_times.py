@@ -106,12 +106,15 @@ def test_a_red_light_makes_a_queue_and_a_green_one_clears_it(tmp_path):
     queue = trace.truth[:, 0, :, 1].sum(axis=1)  # phase 1, north and south, runs from 30 s on
     assert queue[2] > 0
     assert queue[4] == 0
+    trips = read_outputs(prepared.scene, OutputFiles(tmp_path)).trips
+    assert ((trips.stops > 0) == (trips.waiting_time > 0)).all()
+    assert 0 < trips.stops.sum() < len(trips.stops)
 
 
 def times(depart, arrival):
     depart, arrival = np.array(depart, dtype=float), np.array(arrival, dtype=float)
     nothing = np.zeros(len(depart))
-    return TripTimes(nothing, depart, arrival, nothing, nothing, nothing)
+    return TripTimes(nothing, depart, arrival, nothing, nothing, nothing, nothing)
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ METHOD_GROUPS = (
 METHOD_KEYS = (  # and so do these
     ("turning_counts",),
     ("count_error",),
+    ("stop_cost",),
     ("signals", "min_space"),
     ("signals", "max_red"),
 )

@@ -11,6 +11,7 @@ from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
     FULL_INFORMATION,
     NATIVE,
+    by_model,
     by_value,
     is_learned,
     looks_at_nothing,
@@ -65,6 +66,7 @@ def _unused(prepared: Prepared) -> list[str]:
         ("--samples", found.samples, default.samples, decides),
         ("--scoring", found.scoring, default.scoring, name == DIFFLIGHT),
         ("--policy-weights", settings.q_weights, usual.q_weights, decides or is_learned(name)),
+        ("--stop-cost", settings.stop_cost, usual.stop_cost, by_model(name, found)),
     )
     return [
         f"{name} has no use for {option} {value}, which did nothing"
@@ -134,6 +136,9 @@ def rows(result: Result) -> list[tuple[str, str, str]]:
     def seconds(value: float | None) -> str:
         return "–" if value is None else f"{value:.1f} s"
 
+    stops = []
+    if result.stops is not None:
+        stops = [("stops", f"{result.stops:.2f}", "mean over inserted vehicles")]
     lines = [
         ("travel time", seconds(result.att_all), "mean over all demand (att_all)"),
         ("95th percentile", seconds(result.p95_travel_time), "over all demand"),
@@ -141,6 +146,7 @@ def rows(result: Result) -> list[tuple[str, str, str]]:
         ("finished trips", seconds(result.att_finished), "mean, from insertion (att_finished)"),
         ("time loss", seconds(result.time_loss), "mean over inserted vehicles"),
         ("waiting to enter", seconds(result.depart_delay), "mean over all demand"),
+        *stops,
         (
             "vehicles",
             f"{result.finished} of {result.demand}",

@@ -42,6 +42,7 @@ class Result(BaseModel):
     mean_queue: float  # vehicles in the network below 0.1 m/s on entrance lanes, mean over steps
     time_loss: Seconds
     depart_delay: Seconds
+    stops: float | None = None  # a vehicle; results of versions before have none
     teleports: int
     collisions: int
     emergency_brakings: int
@@ -115,6 +116,7 @@ def _travel_times(trips: TripTimes, on_approach: float, horizon: float) -> dict[
         "p95_travel_time": percentile(travel, 95) if travel.size else None,
         "time_loss": _mean(trips.time_loss[inserted]),
         "depart_delay": _mean(trips.depart_delay(horizon)),
+        "stops": _mean(trips.stops[inserted]),
     }
 
 

@@ -24,6 +24,7 @@ METRICS = (  # result fields of which less is better, which ranks and comparison
     "imputation_mae",
     "mean_queue",
     "p95_travel_time",
+    "stops",
     "time_loss",
     "wall_s",
 )

@@ -60,6 +60,7 @@ class TripTimes:
     time_loss: FloatArray  # [s]
     waiting_time: FloatArray  # [s] below 0.1 m/s
     route_length: FloatArray  # [m] driven
+    stops: FloatArray  # times that it came below 0.1 m/s
 
     @property
     def inserted(self) -> BoolArray:
@@ -80,7 +81,7 @@ class TripTimes:
         return np.where(self.inserted, self.depart, horizon) - self.scheduled
 
 
-COLUMNS = ("depart", "arrival", "timeLoss", "waitingTime", "routeLength")
+COLUMNS = ("depart", "arrival", "timeLoss", "waitingTime", "routeLength", "waitingCount")
 
 
 def read_trips(path: Path, scheduled: FloatArray, begin: float = 0.0) -> TripTimes:
@@ -95,9 +96,11 @@ def read_trips(path: Path, scheduled: FloatArray, begin: float = 0.0) -> TripTim
             table[int(values["id"])] = [float(values.get(c, "nan")) for c in COLUMNS]
 
     _parse(path, element)
-    depart, arrival, time_loss, waiting_time, route_length = table.T
+    depart, arrival, time_loss, waiting_time, route_length, stops = table.T
     arrival = np.where(arrival >= 0, arrival, np.nan) - begin
-    return TripTimes(scheduled, depart - begin, arrival, time_loss, waiting_time, route_length)
+    return TripTimes(
+        scheduled, depart - begin, arrival, time_loss, waiting_time, route_length, stops
+    )
 
 
 LANE_COLUMNS = (
