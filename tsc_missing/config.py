@@ -223,7 +223,6 @@ class RunSettings(Settings):
     turning_counts: Literal["run", "none"] = "run"  # that controllers are told
     count_error: float = Field(0.0, ge=0, le=2)  # of those of the run: the standard deviation
     # of their logarithm, drawn with the seed for each movement
-    stop_cost: float = Field(0.0, ge=0, le=60)  # [s] that plans count for each vehicle that stops
     horizon: int = Field(3600, gt=0)  # [s]
     seed: int = Field(0, ge=0, lt=SEEDS)
     mask_seed: int | None = Field(None, ge=0, lt=SEEDS)  # of the mask alone; None: seed

@@ -277,7 +277,6 @@ def test_actuated_signals_without_a_minimum_green(command, small_net, controller
         ("max-queue", ("--policy-weights", "nowhere")),
         ("max-queue", ("--scoring", "queue")),
         ("max-queue", ("--samples", "9")),
-        ("max-queue", ("--stop-cost", "4.0")),
     ],
 )
 def test_an_option_that_does_nothing_is_said(command, small_net, controller, unused):

@@ -39,7 +39,6 @@ METHOD_GROUPS = (
 METHOD_KEYS = (  # and so do these
     ("turning_counts",),
     ("count_error",),
-    ("stop_cost",),
     ("signals", "min_space"),
     ("signals", "max_red"),
 )

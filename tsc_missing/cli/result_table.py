@@ -11,7 +11,6 @@ from tsc_missing.controllers.catalogue import (
     DIFFLIGHT,
     FULL_INFORMATION,
     NATIVE,
-    by_model,
     by_value,
     is_learned,
     looks_at_nothing,
@@ -66,7 +65,6 @@ def _unused(prepared: Prepared) -> list[str]:
         ("--samples", found.samples, default.samples, decides),
         ("--scoring", found.scoring, default.scoring, name == DIFFLIGHT),
         ("--policy-weights", settings.q_weights, usual.q_weights, decides or is_learned(name)),
-        ("--stop-cost", settings.stop_cost, usual.stop_cost, by_model(name, found)),
     )
     return [
         f"{name} has no use for {option} {value}, which did nothing"

@@ -128,13 +128,6 @@ def run(
             "logarithm, 0.3 for about 30 %."
         ),
     ] = DEFAULT.count_error,
-    stop_cost: Annotated[
-        float,
-        typer.Option(
-            help="Seconds that the plans of difflight and rolling-horizon count for each vehicle "
-            "that stops, beside its waiting."
-        ),
-    ] = DEFAULT.stop_cost,
     seed: Annotated[int, typer.Option(help="Seed of demand, mask and controller.")] = DEFAULT.seed,
     mask_seed: Annotated[
         int | None, typer.Option(help="Seed of the mask alone.", show_default="that of --seed")
@@ -227,7 +220,6 @@ def run(
         },
         turning_counts=turning_counts,
         count_error=count_error,
-        stop_cost=stop_cost,
         seed=seed,
         mask_seed=mask_seed,
         horizon=horizon,

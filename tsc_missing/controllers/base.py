@@ -30,7 +30,6 @@ class ControlContext:
     max_speed: float = 11.111  # [m/s] of the vehicles, where the road allows it
     detector_length: float | None = None  # [m] before the stop line; None: whole lanes
     counted: bool = True
-    stop_cost: float = 0.0  # [s] that a plan counts for each vehicle that comes to stand
 
 
 class Controller(ABC):

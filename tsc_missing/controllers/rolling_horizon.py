@@ -21,11 +21,10 @@ class HorizonPlans:
     """What each phase costs: the waiting of the best plan that begins with it.
 
     A plan is a phase for each of the coming stages; its cost is the time that vehicles wait
-    at the intersection's stop lines, the ``stop_cost`` of the context for each that comes to stand
-    there, and what is left over at the end is taken to wait on. All plans are tried (as in PRODYN,
-    Henry, Farges and Tuffal 1983, with exhaustive search in the place of dynamic programming) on
-    the arrivals that ``PointQueues`` expects. A second time they are tried with the arrivals that
-    the neighbours' best plans of the first time bring.
+    at the intersection's stop lines, and what is left over at the end is taken to wait on. All
+    plans are tried (as in PRODYN, Henry, Farges and Tuffal 1983, with exhaustive search in the
+    place of dynamic programming) on the arrivals that ``PointQueues`` expects. A second time
+    they are tried with the arrivals that the neighbours' best plans of the first time bring.
     """
 
     def __init__(self, context: ControlContext) -> None:
@@ -39,7 +38,6 @@ class HorizonPlans:
         while self._ahead > 1 and phases**self._ahead > MOST_PLANS:
             self._ahead -= 1
         self._roads = PointQueues(context, self._ahead, hold)
-        self._stop_cost = context.stop_cost
         self._planned = network.slot_mask & ~network.free_slots & network.phases.any(axis=1)
         table = network.phases  # (N, P, 12)
         if self._ahead > 1:
@@ -81,8 +79,6 @@ class HorizonPlans:
                 coming = arrivals[stage * roads.stage + k][:, None, None, None]
                 standing = np.maximum(standing + coming - capacity[k][:, None], 0.0)
                 cost = cost + standing.sum(axis=-1) * roads.substep
-                if self._stop_cost:  # who comes stops if so many stand when all are served
-                    cost = cost + self._stop_cost * np.minimum(coming, standing).sum(axis=-1)
             cost = cost + self._absent[:, None, None]
             standing = standing.reshape(n, -1, phases, 1, queue.shape[1])
             cost = cost.reshape(n, -1, phases, 1)

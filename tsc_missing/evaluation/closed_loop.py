@@ -70,7 +70,6 @@ def control_context(scene: Scene, settings: RunSettings) -> ControlContext:
         max_speed=driving.max_speed,
         detector_length=settings.sensor.reach,
         counted=settings.turning_counts != "none",
-        stop_cost=settings.stop_cost,
     )
 
 
