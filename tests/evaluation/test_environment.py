@@ -52,14 +52,16 @@ def test_it_is_an_environment_by_gymnasiums_own_check(env: SignalEnv) -> None:
 
 @pytest.mark.parametrize("net", ["jinan", "newyork"])
 def test_max_queue_in_it_comes_to_what_tsc_run_has(net: str) -> None:
-    run = settings(net=net, controller="max-queue", blind="none", imputer="last", seed=3)
+    signals = SignalSettings(max_red=60)
+    run = settings(net=net, controller="max-queue", imputer="last", seed=3, signals=signals)
+    run = run.model_copy(update={"blind": "none", "horizon": 600})
     wanted = execute(prepare(run, Options()))
     env = SignalEnv(run, filled=True)
     rewards, found = play(env)
     env.close()
     same = set(found) - {"decision_ms_median", "decision_ms_p99", "wall_s", "sim_s_per_wall_s"}
     assert {name: found[name] for name in same} == {name: getattr(wanted, name) for name in same}
-    assert len(rewards) == 20
+    assert len(rewards) == 40
     assert min(rewards) < 0
 
 

@@ -14,25 +14,31 @@ from tsc_missing.evaluation.closed_loop import control_context, simulating
 from tsc_missing.evaluation.metrics import Result, read_outputs, summarise
 from tsc_missing.evaluation.steps import Scene, Stepper, Trace
 from tsc_missing.imputation.base import Imputer
-from tsc_missing.network.model import IntArray
+from tsc_missing.network.model import FloatArray, IntArray
 from tsc_missing.sensing.observation import Measurement, Observation
 from tsc_missing.simulation.engine import EngineName
 from tsc_missing.simulation.outputs import OutputFiles
 
 
 class Told(Controller):
-    """The phases that it was told last."""
+    """The phases that it was told last, and what who told them took the roads to hold."""
 
     needs_values = False
     phases: IntArray
+    believed: FloatArray | None
 
     def reset(self, context: ControlContext) -> None:
         """Forget them."""
         self.phases = np.zeros(context.network.n, dtype=np.int64)
+        self.believed = None
 
     def decide(self, observation: Observation) -> IntArray:
         """(N,): what it was told."""
         return self.phases
+
+    def estimates(self) -> FloatArray | None:
+        """(N, 12, F): filled values; the maximum red goes by them where no sensor reports."""
+        return self.believed
 
 
 class Episode:
@@ -84,6 +90,7 @@ class Episode:
         self.observation = self._reported.copy()
         if self._imputer is not None:
             self.observation = self._imputer.fill(self._reported.copy())
+            self._told.believed = self.observation.values
             if not self.over:
                 self._trace.estimate[self._stepper.step] = self.observation.values
         self._asked = time.perf_counter()
