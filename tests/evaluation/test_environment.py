@@ -32,8 +32,7 @@ def env() -> Any:
 
 
 def longest_queue(env: SignalEnv, answer: dict[str, Any]) -> Any:
-    queue = answer["values"][:, :, 1]
-    scores = (env.network.phases * queue[:, None]).sum(axis=2)
+    scores = (env.network.phases * answer["queue"][:, None]).sum(axis=2)
     return np.where(env.network.phase_mask, scores, -np.inf).argmax(axis=1)
 
 
@@ -72,9 +71,10 @@ def test_what_sensors_did_not_see_is_not_in_the_observation(env: SignalEnv) -> N
         answer, _, _, _, info = env.step(env.action_space.sample())
         hidden = answer["known"] == 0
         shares.append(hidden[env.network.slot_mask].mean())
-        assert not answer["values"][hidden].any()
+        assert not answer["vehicles"][hidden].any()
+        assert not answer["queue"][hidden].any()
         assert not answer["exits"][hidden].any()
-    assert answer["values"][~hidden].any()
+    assert answer["queue"][~hidden].any()
     assert 0.4 < np.mean(shares) < 0.6
     assert np.isfinite(info["rewards"]).all()
 
@@ -85,8 +85,8 @@ def test_the_reward_is_minus_the_mean_queue(env: SignalEnv) -> None:
     for _ in range(10):
         answer, reward, _, _, info = seen.step(np.zeros(seen.network.n, dtype=int))
     seen.close()
-    assert reward == pytest.approx(-answer["values"][:, :, 1].sum() / seen.network.n)
-    assert info["rewards"] == pytest.approx(-answer["values"][:, :, 1].sum(axis=1))
+    assert reward == pytest.approx(-answer["queue"].sum() / seen.network.n)
+    assert info["rewards"] == pytest.approx(-answer["queue"].sum(axis=1))
 
 
 def test_episodes_differ_unless_their_seed_is_given(env: SignalEnv) -> None:
@@ -154,20 +154,21 @@ def test_several_run_in_processes_of_their_own() -> None:
     for _ in range(4):
         answers, _, _, over, _ = several.step(several.action_space.sample())
     several.close()
-    assert answers["values"].shape == (2, 12, 12, 2)
+    assert answers["vehicles"].shape == (2, 12, 12)
     assert over.all()
 
 
 def test_filled_values_are_those_of_the_imputer(env: SignalEnv) -> None:
     filled = SignalEnv(settings(imputer="last"), filled=True)
     answer, _ = filled.reset(seed=1)
-    before = answer["values"]
+    before = answer
     for _ in range(10):
-        before = answer["values"]
+        before = answer
         answer, _, _, _, _ = filled.step(np.zeros(12, dtype=int))
     filled.close()
     hidden = answer["known"] == 0
-    assert answer["values"][hidden] == pytest.approx(before[hidden])
+    assert answer["vehicles"][hidden] == pytest.approx(before["vehicles"][hidden])
+    assert answer["vehicles"][hidden].any()
 
 
 def test_a_fresh_one_can_be_sent_to_another_process(env: SignalEnv) -> None:

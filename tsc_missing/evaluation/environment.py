@@ -15,7 +15,7 @@ from tsc_missing.evaluation.scenario import find_scenario
 from tsc_missing.imputation.registry import make_imputer
 from tsc_missing.network.model import IntArray
 from tsc_missing.network.slots import N_SLOTS
-from tsc_missing.sensing.observation import N_FEATURES
+from tsc_missing.sensing.observation import QUEUE, VEHICLES
 from tsc_missing.simulation.engine import EngineName
 
 Answer = dict[str, Any]
@@ -30,9 +30,9 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
 
     Observations are dictionaries over the N intersections and 12 slots:
 
-    - ``values`` (N, 12, 2) [vehicles]: on the lanes, and in the queue; 0 where nothing reported,
-      or if ``filled`` what the imputer of the settings has there;
-    - ``exits`` (N, 12) [vehicles]: on exit lanes that lead to no signal, likewise;
+    - ``vehicles``, ``queue`` (N, 12): on the lanes, and of them below 0.1 m/s; 0 where nothing
+      reported, or if ``filled`` what the imputer of the settings has there;
+    - ``exits`` (N, 12): vehicles on exit lanes that lead to no signal, likewise;
     - ``known`` (N, 12): whether it was reported; slots that are not there count as reported;
     - ``phase`` (N,): what ran last, -1 before the first step;
     - ``red_steps`` (N, 12): decision steps since the slot last had green.
@@ -66,10 +66,12 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
     def _space(self) -> spaces.Dict:
         n, steps = self.network.n, self.settings.steps
         most = self.network.phase_mask.shape[1] - 1
+        count = spaces.Box(0, np.inf, (n, N_SLOTS), np.float32)
         return spaces.Dict(
             {
-                "values": spaces.Box(0, np.inf, (n, N_SLOTS, N_FEATURES), np.float32),
-                "exits": spaces.Box(0, np.inf, (n, N_SLOTS), np.float32),
+                "vehicles": count,
+                "queue": count,
+                "exits": count,
                 "known": spaces.MultiBinary((n, N_SLOTS)),
                 "phase": spaces.Box(-1, most, (n,), np.int64),
                 "red_steps": spaces.Box(0, steps + 1, (n, N_SLOTS), np.int64),
@@ -124,7 +126,8 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
     def _answer(self, episode: Episode) -> Answer:
         seen = episode.observation
         return {
-            "values": np.nan_to_num(seen.values).astype(np.float32),
+            "vehicles": np.nan_to_num(seen.values[:, :, VEHICLES]).astype(np.float32),
+            "queue": np.nan_to_num(seen.values[:, :, QUEUE]).astype(np.float32),
             "exits": np.nan_to_num(seen.exits).astype(np.float32),
             "known": seen.mask.astype(np.int8),
             "phase": seen.phase.copy(),
