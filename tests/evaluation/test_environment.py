@@ -148,6 +148,27 @@ def test_settings_that_are_wrong_are_told_before_anything_runs() -> None:
         SignalEnv(settings(imputer="sfmm"), filled=True)
 
 
+def test_a_seed_that_no_run_can_have_is_refused(env: SignalEnv) -> None:
+    with pytest.raises(UserError, match="4294967295 is not allowed; it must be below 2147483648"):
+        env.reset(seed=2**32 - 1)
+    env.reset(seed=2**31 - 1)
+    env.reset()
+
+
+def test_what_an_agent_writes_into_its_observation_reaches_nobody(env: SignalEnv) -> None:
+    untouched = play(env, seed=5)
+    answer, _ = env.reset(seed=5)
+    rewards, over = [], False
+    while not over:
+        phases = longest_queue(env, answer)
+        for array in answer.values():
+            array[...] = 1
+        answer, reward, _, over, info = env.step(phases)
+        info["rewards"][:] = 0
+        rewards.append(reward)
+    assert rewards == untouched[0]
+
+
 def test_several_run_in_processes_of_their_own() -> None:
     several = AsyncVectorEnv([lambda: SignalEnv(settings(horizon=60))] * 2)
     answers, _ = several.reset(seed=[1, 2])

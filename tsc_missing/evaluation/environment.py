@@ -6,9 +6,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from tsc_missing.config import RunSettings
+from tsc_missing.config import SEEDS, RunSettings
 from tsc_missing.controllers.diffusion_weights import diffusion_of
 from tsc_missing.controllers.fallback import legal_phases
+from tsc_missing.errors import UserError
 from tsc_missing.evaluation.episode import Episode
 from tsc_missing.evaluation.run import check_timing, scene_of
 from tsc_missing.evaluation.scenario import find_scenario
@@ -89,10 +90,12 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
         super().reset(seed=seed)
         self.close()
         seed = self._next if seed is None else seed
+        if seed >= SEEDS:
+            raise UserError("seed", seed, f"it must be below {SEEDS}")
         settings = RunSettings.model_validate({**self.settings.model_dump(), "seed": seed})
         scene = scene_of(settings, self._scenario)
         self._episode = Episode(scene, settings, self._imputer, self._engine)
-        self._next = seed + 1
+        self._next = (seed + 1) % SEEDS
         return self._answer(self._episode), self._info(self._episode)
 
     def step(self, action: IntArray) -> tuple[Answer, float, bool, bool, dict[str, Any]]:
