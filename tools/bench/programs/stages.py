@@ -30,7 +30,7 @@ STAGES = (
     "tsc_missing.simulation.engine:Simulation._start",
     "tsc_missing.simulation.detectors:Detectors.__init__",
     "tsc_missing.simulation.detectors:Detectors.read",
-    "tsc_missing.evaluation.closed_loop:apply_mask",
+    "tsc_missing.evaluation.steps:apply_mask",
     "tsc_missing.controllers.fallback:Safe.decide",
     "tsc_missing.simulation.signals:Signals.__init__",
     "tsc_missing.simulation.signals:Signals.command",
