@@ -169,6 +169,19 @@ def test_what_an_agent_writes_into_its_observation_reaches_nobody(env: SignalEnv
     assert rewards == untouched[0]
 
 
+def test_seeds_of_later_episodes_differ_between_workers(env: SignalEnv) -> None:
+    played = [play(env, seed)[0] for seed in (5, None, 6, None)]
+    assert len({tuple(rewards) for rewards in played}) == 4
+
+
+def test_one_that_nobody_has_any_more_makes_way() -> None:
+    left = SignalEnv(settings())
+    left.reset()
+    left = SignalEnv(settings())
+    left.reset()
+    left.close()
+
+
 def test_several_run_in_processes_of_their_own() -> None:
     several = AsyncVectorEnv([lambda: SignalEnv(settings(horizon=60))] * 2)
     answers, _ = several.reset(seed=[1, 2])

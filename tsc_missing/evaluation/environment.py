@@ -1,5 +1,7 @@
 """The closed loop as a Gymnasium environment, for agents that learn in it."""
 
+import contextlib
+import os
 from typing import Any
 
 import gymnasium
@@ -60,7 +62,8 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
         self._engine: EngineName = engine
         self._imputer = make_imputer(settings.imputer, diffusion_of(settings)) if filled else None
         self._episode: Episode | None = None
-        self._next = settings.seed
+        self._began = False
+        self._process = os.getpid()
         self.action_space = spaces.MultiDiscrete(self.network.phase_mask.sum(axis=1))
         self.observation_space = self._space()
 
@@ -85,17 +88,21 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
         """Begin an episode, and end the one that runs.
 
         ``seed`` is that of the run: demand, mask, simulator. Without one the first episode has the
-        seed of the settings and each later one the next, so that no two are alike.
+        seed of the settings, and each later one a seed that is drawn from those before. Workers
+        that all begin without one play the same episodes.
         """
+        if seed is None and not self._began:
+            seed = self.settings.seed
+        if seed is not None and seed >= SEEDS:
+            raise UserError("seed", seed, f"it must be below {SEEDS}")
         super().reset(seed=seed)
         self.close()
-        seed = self._next if seed is None else seed
-        if seed >= SEEDS:
-            raise UserError("seed", seed, f"it must be below {SEEDS}")
+        self._began = True
+        if seed is None:
+            seed = int(self.np_random.integers(SEEDS))
         settings = RunSettings.model_validate({**self.settings.model_dump(), "seed": seed})
         scene = scene_of(settings, self._scenario)
         self._episode = Episode(scene, settings, self._imputer, self._engine)
-        self._next = (seed + 1) % SEEDS
         return self._answer(self._episode), self._info(self._episode)
 
     def step(self, action: IntArray) -> tuple[Answer, float, bool, bool, dict[str, Any]]:
@@ -125,6 +132,12 @@ class SignalEnv(gymnasium.Env[Answer, IntArray]):
         if self._episode is not None:
             self._episode.close()
             self._episode = None
+
+    def __del__(self) -> None:
+        """End the episode of an environment that nobody has any more, but not in a fork of it."""
+        if getattr(self, "_process", None) == os.getpid():
+            with contextlib.suppress(Exception):
+                self.close()
 
     def _answer(self, episode: Episode) -> Answer:
         seen = episode.observation
