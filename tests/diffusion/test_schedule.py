@@ -1,6 +1,9 @@
+import itertools
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
@@ -41,6 +44,35 @@ def test_sampling_steps():
             SCHEDULE.sampling_steps(count)
 
 
+@given(st.integers(1, 100))
+def test_leading_steps_are_as_far_apart_and_end_at_one(count):
+    assert SCHEDULE.sampling_steps(10, leading=True) == [91, 81, 71, 61, 51, 41, 31, 21, 11, 1, 0]
+    ks = SCHEDULE.sampling_steps(count, leading=True)
+    jumps = {k - smaller for k, smaller in itertools.pairwise(ks[:-1])}
+    assert len(ks) == count + 1
+    assert ks[-2:] == [1, 0]
+    assert ks[0] <= 101 - 100 // count
+    assert jumps <= {100 // count, 100 // count + 1}
+
+
+def test_a_noise_that_is_a_little_off_spoils_little_from_leading_steps():
+    """x̂^0 is kept to 0 … 8, as the model does; the data are 0.1 everywhere."""
+
+    def denoise(x, k):
+        noise = SCHEDULE.noise_from_x0(x, k, torch.full_like(x, 0.1))
+        return SCHEDULE.x0_from_noise(x, k, 0.99 * noise).clamp(0, 8)
+
+    first = torch.randn(1000, generator=torch.Generator().manual_seed(0))
+    off = {}
+    for leading in (False, True):
+        ks = SCHEDULE.sampling_steps(10, leading=leading)
+        made = sample(SCHEDULE, denoise, first, ks[:2], lambda x, _: x)
+        noised = SCHEDULE.q_sample(torch.tensor([0.1]), torch.tensor([ks[1]]), first)
+        off[leading] = (made - noised).abs().mean().item()
+    assert off[False] > 0.5  # half of a noise that has a standard deviation of one
+    assert off[True] < 0.05
+
+
 def test_ddim_carries_noise_to_the_data():
     """For data N(0, s²) the best denoiser is linear, and the exact flow multiplies by s."""
     spread = 0.5
@@ -50,7 +82,8 @@ def test_ddim_carries_noise_to_the_data():
         return signal.sqrt() * spread**2 * x / (signal * spread**2 + 1 - signal)
 
     noise = torch.randn(1000, generator=torch.Generator().manual_seed(0))
-    made = sample(SCHEDULE, denoise, noise, 100, lambda x, _: x)
+    ks = SCHEDULE.sampling_steps(100)
+    made = sample(SCHEDULE, denoise, noise, ks, lambda x, _: x)
     torch.testing.assert_close(made, spread * noise, rtol=0.05, atol=0.01)
 
 
@@ -61,7 +94,8 @@ def test_the_hook_runs_after_every_step():
         seen.append((x.clone(), x0))
         return x + 1
 
-    made = sample(SCHEDULE, lambda x, k: 0.5 * x, torch.ones(2), 5, after_step)
+    ks = SCHEDULE.sampling_steps(5)
+    made = sample(SCHEDULE, lambda x, k: 0.5 * x, torch.ones(2), ks, after_step)
     assert len(seen) == 5
     torch.testing.assert_close(made, seen[-1][0] + 1)
     torch.testing.assert_close(seen[-1][0], seen[-1][1])  # the last step gives x̂^0 itself

@@ -110,9 +110,8 @@ class Planner(Policy):
             return torch.where(self.known, given, x)
 
         denoise = self.denoiser(recent.features[:, -1].flatten(0, 1), there)
-        return sample(
-            self.schedule, denoise, write_in(noise), self.settings.sampling_steps, write_in
-        )
+        ks = self.schedule.sampling_steps(self.settings.sampling_steps)
+        return sample(self.schedule, denoise, write_in(noise), ks, write_in)
 
 
 class PlanLearner(Learner):

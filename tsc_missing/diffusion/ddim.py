@@ -1,7 +1,7 @@
 """The DDIM sampler with η = 0: the reverse process, from noise to a trajectory."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -16,14 +16,13 @@ Hook = Callable[[Tensor, Tensor], Tensor]
 
 
 def sample(
-    schedule: CosineSchedule, denoise: Denoiser, x: Tensor, steps: int, after_step: Hook
+    schedule: CosineSchedule, denoise: Denoiser, x: Tensor, ks: Sequence[int], after_step: Hook
 ) -> Tensor:
-    """x^0 from ``x`` = x^K in ``steps`` ≤ K reverse steps; deterministic given ``x``.
+    """x^0 from ``x`` = x^K by reverse steps from each of ``ks`` to the next; deterministic.
 
-    x^{k'} = sqrt(ᾱ^{k'}) x̂^0 + sqrt(1 - ᾱ^{k'}) ε̂ for the next smaller k' of the steps, where ε̂
+    x^{k'} = sqrt(ᾱ^{k'}) x̂^0 + sqrt(1 - ᾱ^{k'}) ε̂ for the next k' after k, where ε̂
     is the noise that belongs to x^k and x̂^0 (section "Diffusion model").
     """
-    ks = schedule.sampling_steps(steps)
     for k, smaller in itertools.pairwise(ks):
         now, then = torch.tensor([k]), torch.tensor([smaller])
         x0 = denoise(x, now)

@@ -137,9 +137,10 @@ class DiffLightModel(nn.Module):
             talk.exchange(estimate[..., :N_FEATURES])
             return torch.where(known, x0, x)
 
-        denoise = paced(estimate, talk.inputs, self.schedule, sampling_steps, pace)
-        start = torch.where(known, x0, noise)
-        x = sample(self.schedule, denoise, start, sampling_steps, after_step)
+        leading = config.predict == "noise"
+        ks = self.schedule.sampling_steps(sampling_steps, leading=leading)
+        denoise = paced(estimate, talk.inputs, ks, pace)
+        x = sample(self.schedule, denoise, torch.where(known, x0, noise), ks, after_step)
         made = blank(x[..., :N_FEATURES], inputs.slots.unsqueeze(1))
         vehicles = self.scaling.vehicles(made)
         past = vehicles[:, : config.history]

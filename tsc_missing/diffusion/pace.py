@@ -1,6 +1,6 @@
 """Fewer reverse steps for most rows of a plan: what is seen needs less than what is not."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -8,7 +8,6 @@ from torch import Tensor
 
 from tsc_missing.diffusion.batch import Inputs
 from tsc_missing.diffusion.ddim import Denoiser
-from tsc_missing.diffusion.schedule import CosineSchedule
 
 Estimate = Callable[[Tensor, Tensor, Inputs], Tensor]  # x^k, k (1,) and inputs to x̂^0
 
@@ -24,11 +23,10 @@ class Pace:
 def paced(
     estimate: Estimate,
     inputs: Callable[[bool], Inputs],
-    schedule: CosineSchedule,
-    steps: int,
+    ks: Sequence[int],
     pace: Pace | None,
 ) -> Denoiser:
-    """A denoiser for ``steps`` reverse steps; by a ``pace`` only at ``few`` of them of all rows.
+    """A denoiser for the reverse steps ``ks``; by a ``pace`` only at ``few`` of them of all rows.
 
     Between them only ``pace.rows`` are estimated; the others keep their last x̂^0, which for DDIM
     is one longer step. ``inputs`` gives those of the reverse step that is due, of all rows or only
@@ -36,8 +34,8 @@ def paced(
     """
     if pace is None:
         return lambda x, k: estimate(x, k, inputs(False))
+    steps = len(ks) - 1
     rows, few = pace.rows, min(pace.few, steps)
-    ks = schedule.sampling_steps(steps)
     full = {ks[round(turn * steps / few)] for turn in range(few)}
     held = torch.empty(0)
 

@@ -49,8 +49,17 @@ class CosineSchedule:
         signal, scale = self._at(k, x)
         return (x - signal * x0) / scale
 
-    def sampling_steps(self, count: int) -> list[int]:
-        """``count`` values of k from K down, evenly spaced, and the 0 that they lead to."""
+    def sampling_steps(self, count: int, *, leading: bool = False) -> list[int]:
+        """``count`` values of k, evenly spaced, and the 0 that they lead to.
+
+        From K down, or ``leading``, so that the last one is 1 and the first as far from K. A model
+        that predicts the noise needs the latter (Lin et al., WACV 2024, "Common diffusion noise
+        schedules and sample steps are flawed", section 3): ᾱ^K is 2e-7, and x̂^0 from a noise that
+        is off by 0.01 is off by 20 there.
+        """
         if not 1 <= count <= self.steps:
             raise ValueError(f"{count} sampling steps: must be 1 to {self.steps}")
-        return [round(self.steps * (count - j) / count) for j in range(count + 1)]
+        jumps = range(count, 0, -1)
+        if leading:
+            return [*(1 + self.steps * (j - 1) // count for j in jumps), 0]
+        return [*(round(self.steps * j / count) for j in jumps), 0]
