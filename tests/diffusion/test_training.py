@@ -6,7 +6,7 @@ pytest.importorskip("torch", reason="the diffusion controller needs torch")
 
 import torch
 
-from tests.diffusion.cases import TINY, VARIANTS, model, windows
+from tests.diffusion.cases import PUBLISHED, TINY, VARIANTS, model, windows
 from tsc_missing.diffusion.config import DiffLightConfig
 from tsc_missing.diffusion.ema import Ema
 from tsc_missing.diffusion.windows import training_batch
@@ -80,6 +80,23 @@ def test_learns_to_fill_and_to_tell_the_phase():
         optimiser.step()
     assert losses[-1].diffusion < 0.3 * losses[0].diffusion
     assert losses[-1].inverse_accuracy > 0.9
+
+
+@pytest.mark.parametrize("partial", [True, False])
+def test_with_a_partial_loss_what_is_hidden_is_learned_without_rewards(partial):
+    config = PUBLISHED.model_copy(update={"partial_loss": partial, "reward_dropout": 0.0})
+    made, batch = model(config), training_batch(windows(recorded=1.0), config)
+    past = (torch.arange(8) < 5)[:, None]
+    other = replace(batch.inputs, reward=1 - batch.inputs.reward)
+
+    def loss(inputs, target):
+        wanted = replace(batch, inputs=inputs, target=target)
+        return made.loss(wanted, generator()).diffusion.item()
+
+    hidden, planned = batch.target & past, batch.target & ~past
+    assert hidden.any()
+    assert (loss(batch.inputs, hidden) == loss(other, hidden)) == partial
+    assert loss(batch.inputs, planned) != loss(other, planned)
 
 
 def test_ema_follows_and_resumes():

@@ -43,6 +43,7 @@ class DiffLightConfig(Settings):
     target_reward: float = 1.0  # asked for at t+1 … t+H; 1 is the best there is
     reward_dropout: float = Field(0.25, ge=0, le=1)  # p
     predict: Literal["x0", "noise"] = "x0"
+    partial_loss: bool = False  # what is hidden is learned as it is generated, without rewards
     scaling: ScalingSettings = ScalingSettings()
 
     width: int = Field(64, ge=8)  # D
@@ -78,9 +79,9 @@ class DiffLightConfig(Settings):
     @classmethod
     def as_published(cls) -> "DiffLightConfig":
         """The method as its paper has it, without what was added here."""
-        return cls.model_validate({**PUBLISHED, "heads": 4})
+        return cls.model_validate({**PUBLISHED, "partial_loss": True, "heads": 4})
 
     @property
     def is_published(self) -> bool:
-        """Whether it is the method of the paper, whole and no more; sizes may differ."""
+        """Whether it is the method of the paper, whole and no more; sizes and loss may differ."""
         return all(getattr(self, name) == value for name, value in PUBLISHED.items())

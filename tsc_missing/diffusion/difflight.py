@@ -68,13 +68,26 @@ class DiffLightModel(nn.Module):
         noise = torch.randn(x0.shape, generator=generator)
         keep = torch.rand(count, generator=generator) >= self.config.reward_dropout
         x = torch.where(known, x0, self.schedule.q_sample(x0, k, noise))
-        predicted = self.noise_model(x, k, inputs, keep)
+        predicted = self._predicted(x, k, inputs, keep)
         wanted = noise if self.config.predict == "noise" else x0
         weight = self._targets(batch).float()
         error = (predicted - wanted).square() * weight
         diffusion = error.sum() / weight.sum().clamp(min=1)
         inverse, accuracy = self._inverse_loss(batch, truth)
         return Losses(diffusion + inverse, diffusion, inverse.detach(), accuracy)
+
+    def _predicted(self, x: Tensor, k: Tensor, inputs: Inputs, keep: Tensor) -> Tensor:
+        """What the loss is of: a whole window with rewards, or with a partial loss ε̂ of Eq. PRCD.
+
+        There what is not known of the past is denoised without them, as it is when planning.
+        """
+        if not self.config.partial_loss:
+            whole: Tensor = self.noise_model(x, k, inputs, keep)
+            return whole
+        future = torch.arange(self.config.steps) >= self.config.history
+        rewarded = inputs.known | (inputs.observable & future[:, None])
+        with_reward, without = self.noise_model.branches(x, k, inputs)
+        return combine(with_reward, without, rewarded & keep[:, None, None], guidance=1.0)
 
     def _inverse_loss(self, batch: TrainingBatch, truth: Tensor) -> tuple[Tensor, Tensor]:
         """Cross-entropy of the phase from now to the next step, over the known transitions."""
