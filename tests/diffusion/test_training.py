@@ -99,6 +99,11 @@ def test_with_a_partial_loss_what_is_hidden_is_learned_without_rewards(partial):
     assert loss(batch.inputs, planned) != loss(other, planned)
 
 
+def test_a_partial_loss_of_padded_rewards_is_refused():
+    with pytest.raises(ValueError, match="padded_rewards must be false"):
+        DiffLightConfig(partial_loss=True, padded_rewards=True)
+
+
 def test_ema_follows_and_resumes():
     made = model()
     ema = Ema(made, decay=0.5)

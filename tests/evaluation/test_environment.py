@@ -10,18 +10,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv
 
-from tsc_missing.config import MissingSettings, RunSettings, SignalSettings
+from tests.evaluation.episodes import settings
+from tsc_missing.config import MissingSettings, SignalSettings
 from tsc_missing.errors import UserError
 from tsc_missing.evaluation.environment import SignalEnv
 from tsc_missing.evaluation.run import Options, execute, prepare
 from tsc_missing.simulation.engine import SimulationError
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
-HALF = MissingSettings(pattern="random", rate=0.5)
-
-
-def settings(**changes: Any) -> RunSettings:
-    return RunSettings(**{"net": "jinan", "horizon": 300, "missing": HALF, **changes})
 
 
 @pytest.fixture

@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from tsc_missing.config import MissingSettings, RunSettings
+from tests.evaluation.episodes import settings
 from tsc_missing.evaluation.environment import SignalEnv
 from tsc_missing.evaluation.parallel_environment import SignalParallelEnv
-
-HALF = MissingSettings(pattern="random", rate=0.5)
-
-
-def settings(**changes: Any) -> RunSettings:
-    return RunSettings(**{"net": "jinan", "horizon": 300, "missing": HALF, **changes})
 
 
 @pytest.fixture
@@ -50,11 +44,15 @@ def test_agents_play_what_one_agent_of_all_plays(net: str) -> None:
         assert set(ended.values()) == {False}
         assert set(cut.values()) == {over}
     assert not many.agents
+    with pytest.raises(RuntimeError, match="no episode runs: call reset first"):
+        many.step({})
     last = {infos[agent]["result"]["att_all"] for agent in many.possible_agents}
     assert last == {info["result"]["att_all"]}
 
 
 def test_every_agent_must_act(env: SignalParallelEnv) -> None:
+    with pytest.raises(RuntimeError, match="no episode runs: call reset first"):
+        env.step({})
     env.reset(seed=0)
     first, second, *others = env.agents
     with pytest.raises(ValueError, match=f"^no action of {first}, {second}$"):

@@ -67,6 +67,8 @@ class DiffLightConfig(Settings):
     def _fits(self) -> Self:
         if self.width % self.heads:
             raise ValueError(f"width {self.width} must be a multiple of heads {self.heads}")
+        if self.partial_loss and self.padded_rewards:
+            raise ValueError("partial_loss needs partial rewards: padded_rewards must be false")
         if self.noise_model == "unet" and (self.steps % 4 or self.width % 8):
             raise ValueError("the U-Net needs history + horizon a multiple of 4, width of 8")
         return self

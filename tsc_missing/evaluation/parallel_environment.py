@@ -60,11 +60,14 @@ class SignalParallelEnv(ParallelEnv[str, Answer, int]):  # type: ignore[misc]  #
     def step(self, actions: dict[str, int]) -> tuple[Each, Each, Each, Each, Each]:
         """Run a decision step with a phase of every intersection.
 
-        Raises ``ValueError`` if an agent has none, or one that is no phase of its intersection.
+        Raises ``ValueError`` if an agent has none, or one that is no phase of its intersection,
+        and ``RuntimeError`` where no episode runs.
         """
+        if not self.agents:
+            raise RuntimeError("no episode runs: call reset first")
         if missing := [agent for agent in self.agents if agent not in actions]:
             raise ValueError(f"no action of {', '.join(missing)}")
-        phases = np.array([actions[agent] for agent in self.possible_agents])
+        phases = np.array([actions[agent] for agent in self.agents])
         answer, _, _, over, info = self._env.step(phases)
         rewards = dict(zip(self.agents, info.pop("rewards").tolist(), strict=True))
         ended, cut = dict.fromkeys(self.agents, False), dict.fromkeys(self.agents, over)
@@ -89,5 +92,5 @@ def _row(space: spaces.Space[Any]) -> spaces.Space[Any]:
     if isinstance(space, spaces.MultiBinary):
         return spaces.MultiBinary(space.shape[1:])
     assert isinstance(space, spaces.Box)
-    low, high = np.atleast_1d(space.low[0]), np.atleast_1d(space.high[0])
-    return spaces.Box(low, high, dtype=space.low.dtype.type)
+    low, high = np.atleast_1d(space.low[0], space.high[0])
+    return spaces.Box(low, high, dtype=low.dtype.type)
